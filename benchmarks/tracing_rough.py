@@ -154,6 +154,7 @@ def summarise(lines: list[dict]) -> None:
         for name, k in scores.most_common():
             bound = binomtest(k, n).proportion_ci(0.95, "exact")
             print(f"  {name:12s} {k:4d}  {k / n:6.1%}  ({bound.low:.1%} to {bound.high:.1%})")
+    print("names by the rules of now", dict(judged_now(lines)))
     for rule, values in LIMITS.items():
         print(
             f"| {rule} | false names, of {len(lines)} | missed, of {sum(line['dominant'] is not None for line in lines)} |"
@@ -169,26 +170,45 @@ LIMITS = {"share": (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95), "size": (0.25, 0.
 
 
 def named_at(line: dict, share: float | None = None, size: float = 1.0) -> set[str]:
-    """What of the kept evidence would be named at another least share (half of it held out), or another least size.
+    """What of the kept evidence would be named at another least share, or another least size.
 
     A share replaces the rule of the own balance too. After a name that was not given no further round was looked at.
     """
     from hexsim.tracing import rules
+
+    usual = rules.PARTLY_SHARE, rules.PARTLY_RESTORED
+    if share is not None:
+        rules.PARTLY_SHARE, rules.PARTLY_RESTORED = share, np.inf
+    found = {own["candidate"].split(" in ")[0] for own in sure_of(line) if own["remarkable"] > size}
+    rules.PARTLY_SHARE, rules.PARTLY_RESTORED = usual
+    return found
+
+
+def sure_of(line: dict) -> list[dict]:
+    """The kept evidence that the rules of now call sure, of each round what was judged last: of a tie the first name."""
     from hexsim.tracing.fitting.rest_evidence import Evidence, sure
 
-    usual = rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED
-    if share is not None:
-        rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED = share, 0.5 * share, np.inf
-    found = set()
-    for tried in line["judged"]:
-        passed = [
-            own
-            for own in tried
-            if sure(Evidence(**{field.name: own[field.name] for field in fields(Evidence) if field.name in own}))
-        ]
-        if passed and passed[-1]["remarkable"] > size:  # of a tie the plainest is judged last
-            found.add(passed[-1]["candidate"].split(" in ")[0])
-    rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED = usual
+    known = {field.name for field in fields(Evidence)}
+    rounds = [
+        [own for own in tried if sure(Evidence(**{key: own[key] for key in known & own.keys()}))]
+        for tried in line["judged"]
+    ]
+    return [passed[-1] for passed in rounds if passed]
+
+
+def judged_now(lines: list[dict]) -> Counter:
+    """Names by the rules of now: true (in the machine), tied with what is, false."""
+    from tracing_evaluation import RIGHT
+
+    found = Counter()
+    for line in lines:
+        place = f" in leg {line['leg']}" if line.get("leg") else ""
+        right, small = {name + place for name in RIGHT.get(line["dominant"], set())}, there(line)
+        for own in sure_of(line):
+            tied = {name for label_ in own["tied"] for name in (label_, label_.split(" in ")[0])}
+            is_there = own["candidate"] in right or own["candidate"].split(" in ")[0] in small
+            if own["remarkable"] > 1.0:
+                found["true" if is_there else "tied" if tied & (right | small) else "false"] += 1
     return found
 
 
@@ -198,12 +218,12 @@ def main() -> None:
     parser.add_argument("--none", action="store_true", help="machines without a large effect")
     parser.add_argument("--hexapods", action="store_true")
     parser.add_argument("--out", type=Path, default=RESULTS / "tracing_rough.jsonl.gz")
-    parser.add_argument("--summary", type=Path)
+    parser.add_argument("--summary", type=Path, nargs="+")
     options = parser.parse_args()
     from tracing_evaluation import seeds_of
 
     if options.summary:
-        summarise(lines_of(options.summary))
+        summarise([line for file in options.summary for line in lines_of(file)])
         return
     done = {(line["seed"], line["dominant"] is None) for line in lines_of(options.out)}
     for seed in seeds_of(options.seeds):

@@ -31,7 +31,7 @@ import numpy as np
 from journal import RESULTS, append, lines_of
 from tracing_rough import NUMBER, begun_trace, named_of, score, there
 
-from hexsim.tracing.fitting import rest_errors, rest_level
+from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, answered, coordinates_of, fit_at, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, named, to_coordinate
 from hexsim.tracing.fitting.rest_level import RestFit
@@ -94,7 +94,7 @@ def asked(line: dict) -> dict:
     held_out = {k: unseen_cost(o.fit, unseen) for k, o in (("base", base), ("truth", free), ("rival", rival))}
     first = free.fit.candidates[-1].effect.parameters[0].name
     place = len(coordinates_of(free.fit)) - len(free.fit.candidates[-1].free())
-    sd = float(np.sqrt(rest_errors.sandwich(free, problem)[place, place]))
+    sd = float(np.sqrt(rest_level.sandwich(free, problem)[place, place]))
     return found | {
         "rival": label_of(rival),
         "rival_there": rival.fit.candidates[-1].effect.name in there(line),

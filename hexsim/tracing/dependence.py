@@ -14,20 +14,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from hexsim.tracing import rules
+
 Array = np.ndarray
-KNOTS = 14
-FOLDS = 10
-BLOCK_S = 0.5  # [s]
+KNOTS = 14  # of a curve at most: half at quantiles, half evenly spaced
+FOLDS = 10  # of the blocks, each predicted from the other nine tenths
 CURVES = ("plain", "direction", "product")
 FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
 MEMORIES_S = (0.1, 0.4, 1.6)  # [s] time constants of the low-pass
-# [s] Time constants from which that of a signal's low-pass is looked for, a factor of 2.5 either way.
-LAGS_S = (0.2, 0.8, 3.2)
+LAGS_S = (
+    0.2,
+    0.8,
+    3.2,
+)  # [s] from which the time constant of a signal's low-pass is sought, a factor of 2.5 either way
 SIMPLER = 0.03  # a plainer form is kept when it is at most this much worse in R^2
 UNCLEAR = 0.2  # below this R^2 the residual's size is asked
 LARGEST = 0.98  # quantile of |r| above which its size counts no more
@@ -111,17 +116,16 @@ def ridge_of(A: Array, b: Array) -> tuple[Array, Array]:
     return inverse @ b, inverse
 
 
-def r2_of(X: Array, r: Array, blocks: Array) -> float:
-    """Cross-validated R^2: blocks go to folds in turn."""
+def r2_of(X: Array, r: Array, blocks: Array) -> Any:
+    """Cross-validated R^2 of r (n,), or of every column of r (n, m): (m,). Blocks go to folds in turn."""
     rest = 0.0
     folds = [(X[own], r[own]) for own in (blocks % FOLDS == fold for fold in range(FOLDS)) if own.any()]
     parts = [(x.T @ x, x.T @ y) for x, y in folds]
     A, b = sum(one for one, _ in parts), sum(one for _, one in parts)
     for (x, y), (own_A, own_b) in zip(folds, parts, strict=True):
         theta, _ = ridge_of(A - own_A, b - own_b)
-        rest += float(np.sum((y - x @ theta) ** 2))
-    total = float(np.sum((r - r.mean()) ** 2))
-    return 1.0 - rest / max(total, 1e-300)
+        rest = rest + np.sum((y - x @ theta) ** 2, axis=0)
+    return 1.0 - rest / np.maximum(np.sum((r - r.mean(axis=0)) ** 2, axis=0), 1e-300)
 
 
 def block_numbers(lengths: Sequence[int], per_block: int) -> Array:
@@ -245,7 +249,7 @@ def dependence_of(
     columns: (signal, "late" or "play") -> a run (n, k), how the residual would change if that channel were so.
     """
     r = np.concatenate(residuals)
-    blocks = block_numbers([len(x) for x in residuals], int(BLOCK_S * rate))
+    blocks = block_numbers([len(x) for x in residuals], int(rules.BLOCK_S * rate))
     moving = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
     moving = {name: x for name, x in moving.items() if np.ptp(x) > 0}
     table: dict[str, float] = {}

@@ -18,7 +18,7 @@ from hexsim.declaration import Machine
 from hexsim.signals.channels import kind_of
 from hexsim.smoothness import band_limit
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.fit import Fit, without_effect
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
@@ -140,9 +140,3 @@ def at_the_rest(problem: SimulatedProblem, fit: Fit) -> SimulatedProblem:
         for name, row in zip(problem.channels(i), misfit, strict=True):
             left[kind_of(name)] = max(left.get(kind_of(name), 1.0), float(np.sqrt(np.mean(row**2))))
     return replace(problem, noise={kind: value * left.get(kind, 1.0) for kind, value in problem.noise.items()})
-
-
-def without_effect(fit: Fit, k: int) -> Fit:
-    """The fit without its k-th effect, all else as it is."""
-    candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
-    return replace(fit, candidates=candidates, values=values, covariance=None, columns=None, neighbours=None)

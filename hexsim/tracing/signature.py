@@ -37,10 +37,10 @@ from hexsim.tracing.steps.residuals import kept
 
 Array = np.ndarray
 MACHINES = {"bench": ("bench", "servo_bench"), "hexapod": ("micro_motion_system", "servo_hexapod")}
-DURATION_S = {"bench": 10.0, "hexapod": 6.0}
+DURATION_S = {"bench": 10.0, "hexapod": 6.0}  # three periods of the slowest tone; of a hexapod what takes a second
 SWEEP_S = 40.0  # slow: where damping is 0.05 the answer comes 0.4 s late, by 2 % of the frequency
 DRY = {f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")}
-RATE_Hz = 1000.0
+RATE_Hz = 1000.0  # of its log
 TONES = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))  # (Hz, share of a quarter of the stroke)
 SWEEP_m_s = 0.25  # velocity that a sweep asks for, from a quarter to twice the effect's frequency: beyond the overlap
 SHOWN_Hz = 25.0  # a wave that goes by faster is lost in a balance's window

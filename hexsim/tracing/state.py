@@ -81,7 +81,6 @@ class NamedEffect:
     values: dict[str, float]
     standard_errors: dict[str, float]
     tied_with: tuple[str, ...]
-    gain_chi2: float
     gain_cv: float
     blocks: int
     d_bic: float

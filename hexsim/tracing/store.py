@@ -42,7 +42,7 @@ from hexsim.tracing.state import NamedEffect, Reading, StepRecord, Trace, Unexpl
 
 FILE = "trace_state.npz"
 TEXT = "state"  # the array that holds the JSON text
-FORMAT = 1
+FORMAT = 2  # of the file: another one is not read
 CLASSES = {
     cls.__name__: cls
     for cls in (

@@ -71,6 +71,16 @@ class Point:
 Expression = Callable[[Point], Array]
 
 
+def by_delay(left: Expression, channel: str) -> Expression:
+    """What a delay of a channel does to what a balance leaves: the difference quotient over a sample either way."""
+
+    def column(point: Point) -> Array:
+        step = 1.0 / point.log.rate
+        return (left(point.late(channel, -step)) - left(point.late(channel, step))) / (2.0 * step)
+
+    return column
+
+
 @dataclass(frozen=True, kw_only=True)
 class Term:
     """One term of a balance. declared, uncertainty (standard deviation): of a declared term.

@@ -15,6 +15,7 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.inference.notebook import Notebook
 from hexsim.inference.search import Found, search
+from hexsim.tracing.dependence import hats, knots_of, r2_of
 from hexsim.tracing.term_columns import Alignment, OwnBalance, Point, RunData, Term, aligned, late_by, refused, run_data
 from hexsim.tracing.term_rows import BalanceMachine
 from hexsim.tracing.term_selection import RARE, Chosen, acts, residual, rms, shown_once, solve
@@ -176,22 +177,12 @@ def numbers(balance: OwnBalance, runs: Sequence[RunData], terms: Chosen) -> dict
 
 
 def strongest_dependence(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> tuple[str, float]:
-    """The signal whose curve (24 bins, narrow at the ends, learned on the other runs) explains most of the residual of a
-    run: (name, R2)."""
+    """The signal whose curve, learned on other runs, explains most of the residual of a run: (name, R2)."""
     left = [residual(run, solve(balance, [r for r in runs if r is not run], chosen), chosen) for run in runs]
-    best = ("none", 0.0)
-    shares = np.concatenate([[0.005, 0.015, 0.03], np.linspace(0, 1, 19)[1:-1], [0.97, 0.985, 0.995]])
+    r, best = np.concatenate(left), ("none", 0.0)
+    of_run = np.repeat(np.arange(len(runs)), [len(own) for own in left])
     for name in sorted(set.intersection(*(set(run.signals) for run in runs))):
-        edges = np.quantile(np.concatenate([run.signals[name] for run in runs]), shares)
-        n = len(edges) + 1
-        places = [np.searchsorted(edges, run.signals[name]) for run in runs]
-        lost = 0.0
-        for i in range(len(runs)):
-            place = np.concatenate([places[j] for j in range(len(runs)) if j != i])
-            value = np.concatenate([left[j] for j in range(len(runs)) if j != i])
-            curve = np.bincount(place, value, minlength=n) / np.maximum(np.bincount(place, minlength=n), 1)
-            lost += float(np.sum((left[i] - curve[places[i]]) ** 2))
-        r2 = 1.0 - lost / max(sum(float(np.sum(x**2)) for x in left), 1e-300)
-        if r2 > best[1]:
-            best = (name, r2)
+        x = np.concatenate([run.signals[name] for run in runs])
+        if np.ptp(x) > 0.0:
+            best = max(best, (name, float(r2_of(hats(x, knots_of(x)), r, of_run))), key=lambda one: one[1])
     return best

@@ -14,15 +14,14 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.inference.contract import Number, Stretch
 from hexsim.inference.likelihood import Fit
-from hexsim.tracing.term_columns import OwnBalance, Point, Term, run_data, variants
-from hexsim.tracing.term_selection import Chosen, placed
+from hexsim.tracing.term_columns import OwnBalance, Point, Term, by_delay, run_data, variants
+from hexsim.tracing.term_selection import Chosen, placed, rms
 
 Array = np.ndarray
 FOLDS = 6  # groups of runs, each held out once
 LATE_S = 0.02  # [s] prior standard deviation of what an alignment leaves
 TOP = 0.1  # radians of phase that such a delay may make: rows above this frequency are left out
 LEAST_SHARE = 0.1  # of a run's rows that must count
-NUDGE_SAMPLES = 1.0  # of the difference quotient by a delay
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,8 +71,8 @@ class BalanceProblem:
     ) -> None:
         self.channels, self.noises = (balance.name,), (float("nan"),)
         declared = {term.name for term in balance.terms}
-        size = rms([run.target[run.counted] for run in rows])
-        widths = [rms([run.column(term)[run.counted] for run in rows]) or size or 1.0 for term in terms]
+        size = rms(np.concatenate([run.target[run.counted] for run in rows]))
+        widths = [rms(np.concatenate([run.column(term)[run.counted] for run in rows])) or size or 1.0 for term in terms]
         self.numbers = [
             number_of(term, size / width, term.name in declared) for term, width in zip(terms, widths, strict=True)
         ]
@@ -99,10 +98,6 @@ class BalanceProblem:
     def slopes(self, theta: Array, at: Sequence[int]) -> list[Array]:
         del theta
         return [self.x[k][:, None, :] for k in at]
-
-
-def rms(parts: Sequence[Array]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
 def number_of(term: Term, scale: float, declared: bool) -> Number:
@@ -208,14 +203,7 @@ def late_terms(balance: OwnBalance, rows: Sequence[Rows]) -> list[tuple[int, Ter
             ((term.declared or 0.0) * term.column(point) for term in balance.terms), np.zeros(n)
         )
 
-    def of(channel: str):
-        def column(point: Point) -> Array:
-            step = NUDGE_SAMPLES / point.log.rate
-            return (left(point.late(channel, -step)) - left(point.late(channel, step))) / (2.0 * step)
-
-        return column
-
     return [
-        (k, Term(name=f"delay of {channel} in {run.point.log.name}", unit="s", column=of(channel)))
+        (k, Term(name=f"delay of {channel} in {run.point.log.name}", unit="s", column=by_delay(left, channel)))
         for k, run in enumerate(rows) for channel in run.point.shifts_s
     ]  # fmt: skip

@@ -15,7 +15,7 @@ from hexsim.tracing.state import NamedEffect, Reading
 
 def effect(name: str, values: dict[str, float], errors: dict[str, float], readings: tuple[Reading, ...] = ()):
     return NamedEffect(
-        candidate=named(name), values=values, standard_errors=errors, tied_with=(), gain_chi2=1.0, gain_cv=0.5, blocks=4,
+        candidate=named(name), values=values, standard_errors=errors, tied_with=(), gain_cv=0.5, blocks=4,
         d_bic=-10.0, single_leg=True, readings=readings,
     )  # fmt: skip
 

@@ -13,9 +13,9 @@ from hexsim.machine.files import changed
 from hexsim.signals.channels import declared_noise
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import used
+from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.fitting.parameters import named, priors, with_settings
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.experiments import setpoint_log
 from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.violations import lost_balances
 from hexsim.tracing.trace import trace

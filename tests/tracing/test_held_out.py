@@ -11,11 +11,11 @@ from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import used, with_noise
+from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.fitting.fit import answered, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
 from hexsim.tracing.held_out import grown, growths, refused
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.experiments import scenario_tables, setpoint_log
 from hexsim.tracing.steps.logs import slower_than_controller
 
 RATE = 1000.0
@@ -46,7 +46,15 @@ def bench():
     """A bench that leaks, its held-out run of 16 s with noise, and the declared machine."""
     machine = load_machine("bench")
     leaks = changed(machine, {"effects.leakage_supply_to_chamber": LEAK})
-    tables = scenario_tables(machine, MULTISINE) | {"duration_s": 16.0, "fade_s": 1.0}
+    tables = {
+        "name": "held out",
+        "mode": "actuator",
+        "machine_name": machine.name,
+        "duration_s": 16.0,
+        "fade_s": 1.0,
+        "fade": "smooth",
+    }
+    tables |= {"axes": {"leg_1": MULTISINE}}
     noise = noise_of(machine, [])
     quiet = SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=noise).simulated(leaks, 0)
     log = with_noise(quiet, noise, machine.sensors.position_resolution_m, np.random.default_rng(0))

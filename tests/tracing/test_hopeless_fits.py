@@ -10,9 +10,9 @@ from hexsim.machine import load_machine
 from hexsim.readers import log_files, read_log
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import refine, start_fit
+from hexsim.tracing.fitting.fit import refine, start_fit, with_effects
 from hexsim.tracing.fitting.parameters import named, priors
-from hexsim.tracing.fitting.selection import pruned, residual_at_noise_level, with_candidate
+from hexsim.tracing.fitting.selection import pruned, residual_at_noise_level
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.hypotheses import may_come_near
 
@@ -54,7 +54,7 @@ def opening() -> SimulatedProblem:
 
 def hypothesis(name: str, problem: SimulatedProblem):
     machine = load_machine(DATA)
-    return with_candidate(start_fit(machine, priors(machine), problem), named(name), 0.5, problem)
+    return with_effects(start_fit(machine, priors(machine), problem), [named(name)], 0.5, problem)
 
 
 def worth(fit, promise: float) -> bool:
@@ -91,7 +91,7 @@ def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):
 def test_what_is_needed_stays_and_what_is_not_goes(opening):
     """Of a spring and the leak that is there the spring is superfluous; the refit without the leak ends early, and the leak stays."""
     leak, spring = named("leakage_supply_to_chamber"), named("spring")
-    both = with_candidate(hypothesis("spring", opening), leak, 0.5, opening)
+    both = with_effects(hypothesis("spring", opening), [leak], 0.5, opening)
     fit = refine(both, opening, fresh=True)
     assert fit.candidates == (spring, leak) and residual_at_noise_level(fit.misfit)
     assert pruned(fit, opening).candidates == (leak,)

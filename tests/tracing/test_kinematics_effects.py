@@ -11,8 +11,8 @@ from hexsim.signals.channels import SETTLE_S
 from hexsim.simulation.faults import EffectFault
 from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.balances.sensor import Imu
+from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.experiments import setpoint_log
 from hexsim.tracing.trace import trace
 
 NOISE = {

@@ -12,8 +12,8 @@ from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
 from hexsim.signals.channels import channel_arrays, kind_of, noise_of
 from hexsim.simulation import simulate
+from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.experiments import setpoint_log
 
 DATA = Path(__file__).parents[1] / "data"
 NOISE = {

@@ -24,7 +24,7 @@ def hose() -> NamedEffect:
     )
     return NamedEffect(
         candidate=named("hose_compliance"), values={"compliance_m3_Pa": 3e-14},
-        standard_errors={"compliance_m3_Pa": 3e-16}, tied_with=("dead_volume", "entrained_air"), gain_chi2=1.0, gain_cv=0.5,
+        standard_errors={"compliance_m3_Pa": 3e-16}, tied_with=("dead_volume", "entrained_air"), gain_cv=0.5,
         blocks=4, d_bic=-10.0, single_leg=True, readings=(volume,),
     )  # fmt: skip
 

@@ -10,6 +10,7 @@ from hexsim.machine import load_machine, save_machine
 from hexsim.machine.files import changed
 from hexsim.signals.channels import noise_of
 from hexsim.tracing.balances import library
+from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.fitting.fit import answered, effect_columns, parameter_columns, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior, named, priors
 from hexsim.tracing.fitting.screening import columns_of, screen
@@ -17,7 +18,7 @@ from hexsim.tracing.fitting.selection import residual_at_noise_level, try_candid
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs as logs_step
-from hexsim.tracing.steps.experiments import separation, setpoint_log
+from hexsim.tracing.steps.experiments import separation
 
 OUT_OF_REACH = {"x_m": 0.2, "y_m": 0.2, "z_m": -0.2}
 

@@ -11,10 +11,10 @@ from hexsim.machine.files import changed
 from hexsim.tracing.balances.continuity import Continuity, TopContinuity
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.sensor import Sensor
+from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import shapes, violations
 from hexsim.tracing.steps.dominant import sure_effects
-from hexsim.tracing.steps.experiments import setpoint_log
 from hexsim.tracing.steps.logs import begin
 from hexsim.tracing.trace import trace
 

@@ -12,10 +12,10 @@ from hexsim.readers import read_log
 from hexsim.signals.channels import channel_arrays, noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
-from hexsim.tracing.fitting.fit import parameter_columns, start_fit
+from hexsim.tracing.fitting.fit import parameter_columns, start_fit, with_effects
 from hexsim.tracing.fitting.parameters import candidates, named, priors, to_coordinate
 from hexsim.tracing.fitting.screening import Screened, screen
-from hexsim.tracing.fitting.selection import inert, shortlist, with_candidate
+from hexsim.tracing.fitting.selection import inert, shortlist
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.start import ringing_Pa, start_of
@@ -38,7 +38,7 @@ def test_more_oil_can_stand_for_a_softer_hose(bench):
     problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
     soft = changed(machine, {"effects.hose_compliance.compliance_m3_Pa": 3e-14})
     problem = SimulatedProblem(logs=(problem.simulated(soft, 0),), noise=problem.noise)
-    fit = with_candidate(start_fit(machine, priors(machine), problem), named("hose_compliance"), 0.6, problem)
+    fit = with_effects(start_fit(machine, priors(machine), problem), [named("hose_compliance")], 0.6, problem)
     fit = dataclasses.replace(fit, values=({"compliance_m3_Pa": 3e-14},))
     found = {candidate.effect.name: size for candidate, size in stand_ins(fit, 0, candidates(machine), problem)}
     assert "mass_change" not in found
@@ -126,7 +126,7 @@ def test_a_hose_and_a_dead_volume_are_one_term(bench):
         aired = changed(machine, {"effects.entrained_air.volume_fraction": air})
         problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
         balances = BalanceProblem(logs=(log,), parts=(part,))
-        fit = with_candidate(start_fit(aired, (), problem), named("hose_compliance"), 0.6, problem)
+        fit = with_effects(start_fit(aired, (), problem), [named("hose_compliance")], 0.6, problem)
         found = same_terms(fit, 0, possible, balances, problem)
         assert set(found) == expected
         for rival in found.values():
@@ -142,7 +142,7 @@ def test_a_hose_reads_as_a_dead_volume_with_the_error_of_the_oil(bench):
     part = BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
     balances = BalanceProblem(logs=(log,), parts=(part,))
     known = tuple(own for own in priors(machine) if "bulk_modulus" in own.key)
-    fit = with_candidate(start_fit(machine, known, balances), named("hose_compliance"), 0.6, balances)
+    fit = with_effects(start_fit(machine, known, balances), [named("hose_compliance")], 0.6, balances)
     hose, oil = fit.values[0]["compliance_m3_Pa"], machine.oil.bulk_modulus_Pa
     in_C, in_E = 0.01 * to_coordinate(fit.candidates[0].free()[0], hose), 0.02 / known[0].half_width
     for together, expected in ((0.0, np.sqrt(5.0)), (-1.0, 1.0)):
@@ -158,7 +158,7 @@ def test_an_incline_stands_for_a_force_of_its_sign_only(bench, force_N, expected
     machine, log = bench
     part = BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
     problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
-    fit = with_candidate(start_fit(machine, (), problem), named("constant_force"), 0.1, problem)
+    fit = with_effects(start_fit(machine, (), problem), [named("constant_force")], 0.1, problem)
     fit = dataclasses.replace(fit, values=({"force_N": force_N},))
     balances = BalanceProblem(logs=(log,), parts=(part,))
     found = same_terms(fit, 0, [named("incline"), named("mass_change")], balances, problem)
@@ -173,7 +173,7 @@ def test_a_pump_limit_that_no_motion_takes_is_the_line_alone(bench, flow_max_m3_
     starved = changed(machine, {"effects.pump_flow_limit.flow_max_m3_s": flow_max_m3_s})
     problem = SimulatedProblem(logs=(log.head(2.0),), noise=noise_of(machine, [log]))
     problem = SimulatedProblem(logs=(problem.simulated(starved, 0),), noise=problem.noise)
-    fit = with_candidate(start_fit(machine, (), problem), named("pump_flow_limit"), 1e-4 / flow_max_m3_s, problem)
+    fit = with_effects(start_fit(machine, (), problem), [named("pump_flow_limit")], 1e-4 / flow_max_m3_s, problem)
     assert inert(fit, problem) == nothing
 
 
@@ -183,7 +183,7 @@ def test_a_column_at_one_shape_promises_the_least(bench):
 
     def line(name, gain):
         return Screened(
-            candidate=named(name), size=0.1, gain_chi2=gain, gain_cv=0.0, gain_se=0.0, blocks=1, sd=0.01,
+            candidate=named(name), size=0.1, gain_chi2=gain, share=0.0, sd=0.01,
             explained_by_others=0.0, reach=1e9, column=(),
         )  # fmt: skip
 

@@ -11,8 +11,7 @@ from hexsim.signals.log import Log
 from hexsim.tracing.balances.continuity import Continuity, FastContinuity
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.fitting.parameters import named
-from hexsim.tracing.fitting.rest_dependence import line_in_continuity
-from hexsim.tracing.fitting.rest_evidence import Evidence, sure
+from hexsim.tracing.fitting.rest_evidence import Evidence, line_in_continuity, sure
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.steps import shapes, violations
 from hexsim.tracing.steps.dominant import sure_effects
@@ -22,8 +21,7 @@ HUM_HZ, SAMPLES = 37.0, 1000
 BALANCES = (Continuity(), Force(), FastContinuity())
 TONE = {"amplitude_N": 75.0, "frequency_Hz": HUM_HZ, "phase_rad": 0.3}
 SURE = Evidence(
-    candidate=named("outside_force_tone"), share=0.9, share_least=0.8, unseen=0.9, unseen_least=0.8, own=1.0,
-    restored=(0.9, 0.9), remarkable=2.0, apart=(1.0, 1.0), spread=0.2, curve=1.0, tied=(),
+    candidate=named("outside_force_tone"), share=0.9, unseen=0.9, own=1.0, restored=(0.9, 0.9), remarkable=2.0, tied=(),
 )  # fmt: skip
 
 

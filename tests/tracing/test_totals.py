@@ -40,7 +40,7 @@ def fitted(own: Candidate, sd: float, correlation: float) -> Fit:
 def effect_of(fit: Fit) -> NamedEffect:
     return NamedEffect(
         candidate=fit.candidates[0], values=fit.values[0], standard_errors=fit.standard_errors()[0], tied_with=(),
-        gain_chi2=1.0, gain_cv=0.5, blocks=4, d_bic=-10.0, single_leg=True,
+        gain_cv=0.5, blocks=4, d_bic=-10.0, single_leg=True,
     )  # fmt: skip
 
 

@@ -16,9 +16,9 @@ from hexsim.simulation import simulate
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.balances.sensor import Sensor
+from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.fitting.fit import chi2_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.experiments import setpoint_log
 from hexsim.tracing.trace import trace
 
 SAMPLE_s = 1e-3

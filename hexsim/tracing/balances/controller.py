@@ -25,7 +25,7 @@ ALIKE = 0.02  # share of the volts, likewise
 # times the position's noise: what a transducer that is not logged differs by, and what that leaves (clean logs: 0.05, 1.2)
 OWN_SEEN, OWN_LEFT = 0.2, 2.0
 OWN_PLAINER = 0.98  # of what a loop of another gain leaves: 4 % of the square, 20 times the share that alarms a fit
-LEAST_TICKS = 500
+LEAST_TICKS = 500  # away from the volts' limit: a second of the controller
 DELAY_STEPS, LONGEST_s = 4, 0.05  # of Gauss-Newton; [s] a delay is within it
 GAIN_OFF, DELAY_OFF = 0.005, 0.02  # a loop is as declared within this share of its gain and these ticks
 

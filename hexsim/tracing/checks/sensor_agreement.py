@@ -25,7 +25,7 @@ Array = np.ndarray
 HALF_WIDTH_s = (
     0.045  # window that halves 12 Hz: below it d2y/dt2 of a position of 3 um noise is quieter than the signal
 )
-LONGEST_DELAY_s = 0.5
+LONGEST_DELAY_s = 0.5  # of a channel that can still be aligned
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,9 +26,9 @@ from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.design.believed import CALM_SHARE, COARSE, calm_samples, enters_a_cushion, reproduced
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.covariance import inverse
-from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, refine, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, all_columns, refine, start_fit_at
 from hexsim.tracing.fitting.parameters import end_of_range
-from hexsim.tracing.problems.problem import FitProblem, in_parallel
+from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
@@ -110,16 +110,6 @@ class Hypothesis:
         return found
 
 
-def sensitivities(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
-    """Columns of all coordinates of a fit where it stands, a log: (k, n_channels, n). share: of the usual step."""
-    there = parameter_columns(start_fit_at(fit, problem), problem, share)
-    assert there.columns is not None
-    own = there.columns
-    if fit.candidates:
-        own = [np.concatenate(pair) for pair in zip(own, effect_columns(there, problem, share), strict=True)]
-    return own
-
-
 def normal_matrix(columns: list[Array]) -> Array:
     """X X' over all logs and channels."""
     return np.sum([(flat := own.reshape(own.shape[0], -1)) @ flat.T for own in columns], axis=0)
@@ -128,7 +118,7 @@ def normal_matrix(columns: list[Array]) -> Array:
 def hypothesis(label: str, fit: Fit, problem: SimulatedProblem, named: frozenset[str] = frozenset()) -> Hypothesis:
     """With what the logs of the problem know of it, the declared uncertainty of its parameters, and the ordinary size of
     nuisance effects."""
-    known = normal_matrix(sensitivities(fit, problem)) + np.diag(rest_level.prior_precision(fit))
+    known = normal_matrix(all_columns(start_fit_at(fit, problem), problem)) + np.diag(rest_level.prior_precision(fit))
     return Hypothesis(label=label, fit=fit, known=known, named=named)
 
 
@@ -191,7 +181,8 @@ def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> 
     labels = {(i, k): (hypotheses[i].label, hypotheses[k].label) for i, k in pairs}
     if np.mean(calm) < CALM_SHARE:
         return nothing_told(first, labels.values())
-    fine, coarse = (sensitivities(first.fit, problem, share)[0] for share in (1.0, COARSE))
+    there = start_fit_at(first.fit, problem)
+    fine, coarse = (all_columns(there, problem, share)[0] for share in (1.0, COARSE))
     inverse_before = inverse(first.known)
     calm &= reproduced(fine, coarse, np.sqrt(np.diag(inverse_before)), log.rate)
     if np.mean(calm) < CALM_SHARE:

@@ -15,21 +15,22 @@ import numpy as np
 from scipy.stats import qmc
 
 from hexsim.declaration import Machine
-from hexsim.machine.geometry import with_additional_mass
+from hexsim.machine.geometry import machine_kinematics, with_additional_mass
 from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
 from hexsim.motion_computer.limits import pose_limits
+from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.log import Log
-from hexsim.tracing.steps.experiments import setpoint_log
 
 Array = np.ndarray
+RATE_Hz = 1000.0  # of the log of a motion that nobody has measured
 KINDS = ("multisine", "sweep", "constant_acceleration_reversals", "constant_velocity_strokes", "block")
-TONES = 6
-SLOWEST_Hz, FASTEST_Hz = 0.05, 15.0
+TONES = 6  # of a multisine: as many as a platform has axes
+SLOWEST_Hz, FASTEST_Hz = 0.05, 15.0  # one period of the duration; what a loop of a few hertz still answers
 SMALLEST_SHARE = 0.1  # of the largest possible size
 FASTEST_STEP_Hz = 1.0  # periods of steps a second
 SEEDS = 64  # of phases
-FADE_S = 2.0
+FADE_S = 2.0  # [s] in and out
 FREE = 1.05  # the largest size stays this factor inside the limits
 ROUNDS = 3  # of scaling: legs are not quite linear in the pose
 FIRST_MOTIONS = (  # kind, lower and upper frequency, slope, size
@@ -250,3 +251,32 @@ def signal(
         "transition_s": 0.5,
         "longest_s": 2.0,
     }
+
+
+def setpoint_log(machine: Machine, tables: dict[str, Any], rate_Hz: float = RATE_Hz) -> Log:
+    """An empty log with the scenario's setpoints, as a problem for the simulation."""
+    scenario = scenario_from_dict(tables)
+    time = np.arange(int(scenario.duration_s * rate_Hz)) / rate_Hz
+    every = max(round(rate_Hz / machine.controller.rate_Hz), 1)
+    held = time[(np.arange(len(time)) // every) * every]
+    value = scenario.evaluate(held)[0]
+    if machine.is_hexapod:
+        setpoint = machine_kinematics(machine).piston_positions(value).T.copy()
+    else:
+        setpoint = value[:, 0][None] + machine.mechanics.neutral_positions[:, None]
+    zeros = np.zeros_like(setpoint)
+    axes = np.zeros((3 if machine.is_hexapod else 1, len(time)))
+    return Log(
+        name="experiment",
+        kind=machine.machine.kind,
+        time=time,
+        rate=rate_Hz,
+        setpoint=setpoint,
+        position=setpoint.copy(),
+        volts=zeros,
+        pressure=zeros,
+        pressure_top=zeros if machine.cylinder.rod_side == "valve" else None,
+        supply=np.zeros(len(time)),
+        acceleration=axes,
+        angular=axes if machine.is_hexapod else None,
+    )

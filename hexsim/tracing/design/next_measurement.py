@@ -23,15 +23,14 @@ from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.rest import OpenRest, labels_of, open_rest
 from hexsim.tracing.design.words import beside_one_term, cannot_tell, expected_words, purpose_of, with_the_sums
 from hexsim.tracing.fitting import rest_level
-from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.fit import Fit, with_effects
 from hexsim.tracing.fitting.fitted_numbers import totals_of
 from hexsim.tracing.fitting.rest_level import RestFit
-from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.held_out import at_the_rest
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import Trace
 
-DURATION_s = 20.0
+DURATION_s = 20.0  # as the guide asks of a log to fit
 FIRST, ROUNDS = 16, 1  # motions tried at first, and rounds of as many that come from the best of them
 CONTENDERS = 3  # of a machine that is not explained
 LOAD_SHARE = 1.5  # of the machine's own mass: a load that is thought of where nobody has said what can be put on
@@ -241,7 +240,7 @@ def with_small_realities(fit: Fit, trace: Trace) -> Fit:
     """The machine with a little of what any machine has beside it: a motion that knows these shows what is hidden."""
     for candidate in rest_level.ordinary_effects(trace.candidates):
         start = rest_level.SPOOL_START if np.isinf(candidate.effect.parameters[0].neutral) else 0.0
-        fit = with_candidate(fit, candidate, start, trace.fit_problem)
+        fit = with_effects(fit, [candidate], start, trace.fit_problem)
     return replace(fit, columns=None, covariance=None)
 
 

@@ -26,11 +26,11 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.design.believed import enters_a_cushion, hangs_on
 from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, shrunk, with_load
-from hexsim.tracing.fitting import rest_errors, rest_level
+from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.covariance import inverse
-from hexsim.tracing.fitting.fit import Fit, bounds_of, coordinates_of, effect_columns, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, all_columns, bounds_of, coordinates_of, effect_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
-from hexsim.tracing.fitting.rest_evidence import least, own_rows, shares_of
+from hexsim.tracing.fitting.rest_evidence import more_of, own_rows
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.problems.balance import BalanceProblem
@@ -101,7 +101,7 @@ def open_rest(
     kept = [k for k, own in enumerate(columns) if all(np.isfinite(c).all() and np.any(c) for c in own)]
     known = tuple(rest_level.weighted_system(one.fit, one.columns, problem)[0] for one in found)
     fit, labels = (
-        replace(best.fit, covariance=rest_errors.sandwich(best, problem)),
+        replace(best.fit, covariance=rest_level.sandwich(best, problem)),
         labels_of(found, named),
     )
     return OpenRest(
@@ -147,7 +147,7 @@ def promise(asked: OpenRest, log: Log) -> Promise:
         return no_promise(asked)
     weights = rest_level.independent(seen) * rest_level.row_counts(seen) / asked.rest**2
     there = [start_fit_at(fit, seen) for fit in fits]
-    columns = [rest_level.all_columns(there[0], seen)[0]]
+    columns = [all_columns(there[0], seen)[0]]
     columns += [columns_of_rival(fit, there[0], columns[0], seen) for fit in there[1:]]
     weights = weights / columns[0].shape[2]
     new = weighted(columns[0], columns[0], weights)
@@ -279,7 +279,7 @@ def rehearsed(asked: OpenRest, log: Log) -> Promise:
         (asked.labels[0], label): apart(best, other, asked, whole)
         for label, other in zip(asked.labels[1:], others, strict=True)
     }
-    fit = replace(best.fit, covariance=rest_errors.sandwich(best, whole))
+    fit = replace(best.fit, covariance=rest_level.sandwich(best, whole))
     numbers = replace(asked.first, fit=fit).numbers
     return Promise(
         separations=separations, errors=tuple(n.standard_error for n in numbers), information=0.0, needed=SEPARATED,
@@ -288,12 +288,7 @@ def rehearsed(asked: OpenRest, log: Log) -> Promise:
 
 
 def apart(best: RestFit, other: RestFit, asked: OpenRest, problem: BalanceProblem) -> float:
-    """-log of the share of the rest that the other leaves more by the tie rule; 0 where resampled blocks doubt it."""
+    """-log of the share of the rest that the other leaves more by the tie rule."""
     rows = own_rows(asked.own, problem)
-    found = [0.0]
-    for these in (rows, list(range(len(best.sizes)))):
-        before, after = ([m[these] for m in one.fit.misfit] for one in (other, best))
-        share, resampled = shares_of(before, after, problem.thin_s)
-        if least(resampled) > 0.0:
-            found.append(-float(np.log(max(1.0 - share, 1e-9))))
-    return max(found)
+    more = max(more_of(other, best, these) for these in (rows, list(range(len(best.sizes)))))
+    return max(-float(np.log(max(1.0 - more, 1e-9))), 0.0)

@@ -3,7 +3,7 @@
 A controller reads its transducer's noise and shakes the machine with it, most at the frequency of the oil, at which a hose
 or a mass shows. So the errors come from the scatter of blocks of the logs:
 
-    A^-1 (S + P) A^-1,   S = sum g g' over blocks of `normal.SCATTER_S`,   g = X'r of a block,   P: the priors' precision
+    A^-1 (S + P) A^-1,   S = sum g g' over blocks of `rules.BLOCK_S`,   g = X'r of a block,   P: the priors' precision
 
 A: normal matrix with P. No error is less than that of white noise, A^-1: of 12 s on a bench it came out 2 to 4 times too
 small for a hose and for friction. Beside a misfit the blocks scatter more, and the errors grow with it.

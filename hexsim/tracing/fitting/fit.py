@@ -31,7 +31,7 @@ from hexsim.tracing.fitting.parameters import (
 from hexsim.tracing.problems.problem import N_CORES, FitProblem, alive, chi2_of, in_job
 
 Array = np.ndarray
-MAX_STEPS = 14
+MAX_STEPS = 14  # of Gauss-Newton
 KEPT_SHARE = 0.8  # columns are made anew when what a step gives is off its promise by more than the rest of 1
 MAX_AGE = 4  # or when they are so many steps old
 PARAMETER_STEP = 0.01  # finite difference of a declared parameter, in half widths
@@ -130,7 +130,9 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     return replace(fit, columns=alive(columns))
 
 
-def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[list[Machine | None], list[float]]:
+def effect_neighbours(
+    fit: Fit, share: float = 1.0, only: int | None = None
+) -> tuple[list[Machine | None], list[float]]:
     """Machines with one effect number a small step off, and the steps in coordinates. only: of this effect."""
     machines, steps = [], []
     for k, candidate in enumerate(fit.candidates):
@@ -157,6 +159,27 @@ def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0, only: int 
     return alive([(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)])
 
 
+def all_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
+    """Columns of every coordinate where the fit stands, a log: (k, channels, n); those of declared parameters as it has them."""
+    declared = (parameter_columns(fit, problem, share) if fit.columns is None else fit).columns or []
+    if not fit.candidates:
+        return declared
+    return [np.concatenate(pair) for pair in zip(declared, effect_columns(fit, problem, share), strict=True)]
+
+
+def with_effects(fit: Fit, candidates: Sequence[Candidate], size: float, problem: FitProblem) -> Fit:
+    """The fit with more effects, each begun at this coordinate, nothing refitted."""
+    numbers = [candidate.effect.parameters[0] for candidate in candidates]
+    values = (c.start() | {n.name: to_value(n, size)} for c, n in zip(candidates, numbers, strict=True))
+    return answered(replace(fit, candidates=(*fit.candidates, *candidates), values=(*fit.values, *values)), problem)
+
+
+def without_effect(fit: Fit, k: int) -> Fit:
+    """The fit without its k-th effect, all else as it is."""
+    candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
+    return replace(fit, candidates=candidates, values=values, covariance=None, columns=None, neighbours=None)
+
+
 def prior_terms(fit: Fit) -> tuple[Array, Array]:
     """Prior in units of half widths: precision and pull of each declared parameter (uniform: sd = 1/sqrt(3))."""
     precision = np.full(len(fit.priors), 3.0)
@@ -171,21 +194,20 @@ def refine(
     tolerance: float = 0.5,
     relative: float = 0.0,
     fresh: bool = False,
-    share: float = 1.0,
     worth: Callable[[Fit, float], bool] | None = None,
 ) -> Fit:
     """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance` (or that share of the excess).
 
     fresh: make the columns of the declared parameters anew where they have become poor, and before the last step.
-    share: of the usual finite differences.  worth: is a fit worth a step that promises so much, as the last one kept its promise?
+    worth: is a fit worth a step that promises so much, as the last one kept its promise?
     """
     if not fit.priors and not fit.candidates:
         return fit
-    fit = parameter_columns(fit, problem, share) if fit.columns is None else fit
+    fit = parameter_columns(fit, problem) if fit.columns is None else fit
     damping, age, trust = 0.0, 0, 1.0
     A, scores = np.zeros((0, 0)), np.zeros((0, 0))
     for _ in range(steps):
-        A, b, scores = _system(fit, _all_columns(fit, problem, share), problem)
+        A, b, scores = _system(fit, _all_columns(fit, problem), problem)
         better, kept = None, 0.0
         first = _promise(_step(fit, A, b, damping)[1], A, b)
         if worth is not None and not worth(fit, trust * first):
@@ -195,7 +217,7 @@ def refine(
             promise = _promise(step, A, b)
             if promise < 0.2 * tolerance:
                 break
-            trial = _evaluate(fit, coordinates, problem, share)
+            trial = _evaluate(fit, coordinates, problem)
             if _cost(trial) < _cost(fit):
                 better, damping = trial, damping / 30 if damping > 1e-3 else 0.0
                 kept = (_cost(fit) - _cost(trial)) / promise
@@ -210,19 +232,19 @@ def refine(
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
             # gone before the new ones are made: of a long log both are large
             fit, better, trial = replace(fit, columns=None), None, None
-            fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
+            fit, age, damping = parameter_columns(fit, problem), 0, 0.0
     covariance = scattered(A, prior_terms(fit)[0], scores)
     # of a long log they are made anew where they are asked for
     columns = fit.columns if problem.duration_s <= rules.LONG_S else None
     return replace(fit, covariance=covariance, neighbours=None, columns=columns)
 
 
-def _all_columns(fit: Fit, problem: FitProblem, share: float) -> list[Columns]:
+def _all_columns(fit: Fit, problem: FitProblem) -> list[Columns]:
     """Columns of all coordinates, a log: the kept ones of declared parameters, those of effects anew."""
     assert fit.columns is not None
     if not fit.candidates:
         return [(own,) for own in fit.columns]
-    return list(zip(fit.columns, effect_columns(fit, problem, share), strict=True))
+    return list(zip(fit.columns, effect_columns(fit, problem), strict=True))
 
 
 def _system(fit: Fit, columns: Sequence[Columns], problem: FitProblem) -> tuple[Array, Array, Array]:
@@ -289,11 +311,11 @@ def fit_at(fit: Fit, coordinates: Array) -> Fit:
     return replace(fit, deviations=coordinates[:m] * half_widths if m else fit.deviations, values=tuple(values))
 
 
-def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem, share: float) -> Fit:
+def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
     """The fit at other coordinates. Where a core would idle its neighbours are simulated with it: the next step needs them."""
     trial = fit_at(fit, coordinates)
     if not trial.candidates or in_job() or len(problem.logs) >= N_CORES:
         return answered(trial, problem)
-    found = problem.misfit([trial.built(), *effect_neighbours(trial, share)[0]])
+    found = problem.misfit([trial.built(), *effect_neighbours(trial)[0]])
     misfit = [own[0] for own in found]
     return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=[own[1:] for own in found])

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
 Columns = Sequence[Array]  # of one log, in parts (k_i, n_channels, n): of declared parameters, of effects
 AT_ONCE = 65_536  # samples of a log whose columns are laid side by side at once
-SCATTER_S = 0.5  # [s] longer than oil rings, short enough for some tens of blocks
 
 
 def rows_of(parts: Columns, samples: slice) -> Array:
@@ -39,11 +39,13 @@ def normal_equations(columns: Sequence[Columns], misfit: Sequence[Array]) -> tup
     return A, b
 
 
-def scores_of(columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem) -> Array:
-    """g = X'r of every block of SCATTER_S, (n_blocks, k)."""
+def scores_of(
+    columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float = rules.BLOCK_S
+) -> Array:
+    """g = X'r of every block, (n_blocks, k)."""
     scores = []
     for parts, r, log in zip(columns, misfit, problem.logs, strict=True):
-        count = max(int((log.time[-1] - log.time[0]) / SCATTER_S), 2)
+        count = max(int((log.time[-1] - log.time[0]) / block_s), 2)
         for places in np.array_split(np.arange(r.shape[1]), count):
             samples = slice(places[0], places[-1] + 1)
             scores.append(rows_of(parts, samples) @ r[:, samples].ravel())

@@ -12,48 +12,38 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.balances import library
-from hexsim.tracing.fitting import rest_errors, rest_level
+from hexsim.tracing.balances.continuity import Continuity
+from hexsim.tracing.dependence import line_share
+from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, in_range, to_coordinate, to_value
-from hexsim.tracing.fitting.rest_dependence import left_by_a_curve, line_in_continuity
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem
 
 Array = np.ndarray
+TONE = {"frequency_Hz", "phase_rad"}  # numbers of an effect that is one
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """What speaks for one effect. Shares are of a mean square, all rows together or the effect's own.
 
-    share, unseen: of the rest that it takes, in the fit runs and held out; *_least: all but few resamples say more.
+    share, unseen: of the rest that it takes, in the fit runs and held out.
     own: share of what it takes that lies in its own balance.  restored: of its own balance above the noise that it
     takes, in the fit runs and held out.  remarkable: its size over that from which a machine is remarkable for it.
-    apart: its number from each run alone (coordinates); spread: how far they are from it, over what is allowed.
     harm: of a sensor's effect, by what share the mean square of any row grows: what is late is late in every balance.
-    traded: the same in logarithms, over how much another row falls: beside a rest a true number is off, and harms a little.
-    kept: of the fall that the change of the held-out misfit could bring at most, the share that it brings: 1 where it lies all
-    in the rest, whatever little of the effect that motion asks for.
-    curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
     in_range: its size, and the time in which it settles, are inside their range: what asks for more is another thing.
     line: of a tone, the largest share of a row of continuity that stands at its frequency.
     """
 
     candidate: Candidate
     share: float
-    share_least: float
     unseen: float
-    unseen_least: float
     own: float
     restored: tuple[float, float]
     remarkable: float
-    apart: tuple[float, ...]
-    spread: float
-    curve: float
     tied: tuple[str, ...]
     harm: float = 0.0
-    traded: float = np.inf
-    kept: float = 0.0
     in_range: bool = True
     line: float = 0.0
 
@@ -65,17 +55,11 @@ class Evidence:
 def sure(evidence: Evidence) -> bool:
     """Do all rules hold but that of size?"""
     e = evidence
-    asked_for = e.unseen >= rules.PARTLY_SHARE_ASKED and e.kept >= rules.PARTLY_KEPT
-    takes = e.share >= rules.PARTLY_SHARE and (e.unseen >= rules.PARTLY_SHARE_UNSEEN or asked_for)
-    restores = min(e.restored) >= rules.PARTLY_RESTORED
-    better_curve = e.share < rules.PARTLY_CURVE_SHARE and e.curve < rules.PARTLY_CURVE
+    takes = e.share >= rules.PARTLY_SHARE and e.unseen >= rules.PARTLY_SHARE_UNSEEN
     return (
-        (takes or restores)
-        and min(e.share_least, e.unseen_least) > 0.0
+        (takes or min(e.restored) >= rules.PARTLY_RESTORED)
         and e.own > 0.5
-        and e.spread < 1.0
-        and min(e.harm, e.traded) < rules.PARTLY_HARM
-        and not better_curve
+        and e.harm < rules.PARTLY_HARM
         and e.in_range
         and e.line < rules.PARTLY_LINE
     )
@@ -85,26 +69,22 @@ def evidence_of(
     base: RestFit, rival: RestFit, rivals: Sequence[RestFit], problem: BalanceProblem, unseen: BalanceProblem
 ) -> Evidence:
     """The evidence for the last effect of `rival` over the base. rivals: what else was tried in its place."""
-    candidate, thin, size = rival.fit.candidates[-1], problem.thin_s, rest_level.size_of(rival.fit)
+    candidate, size = rival.fit.candidates[-1], rest_level.size_of(rival.fit)
     before, after = start_fit_at(base.fit, unseen).misfit, start_fit_at(rival.fit, unseen).misfit
-    share, resampled = shares_of(base.fit.misfit, rival.fit.misfit, thin)
-    held_out, held_out_resampled = shares_of(before, after, thin)
     own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
-    harm, runs = harm_of(falls, problem, own) if candidate.effect.balance == "sensor" else 0.0, apart(rival, problem)
+    harm = harm_of(falls, problem, own) if candidate.effect.balance == "sensor" else 0.0
     others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
     limits = [tie_limit(other, after, unseen) for other in others]
     tied = [
         other
         for other, limit in zip(others, limits, strict=True)
-        if not any(worse(other, rival, rows, thin, limit) for rows in (own, everywhere))
+        if not any(worse(other, rival, rows, limit) for rows in (own, everywhere))
     ]
     return Evidence(
         candidate=candidate,
-        share=share,
-        share_least=least(resampled),
-        unseen=held_out,
-        unseen_least=least(held_out_resampled),
+        share=share_of(base.fit.misfit, rival.fit.misfit),
+        unseen=share_of(before, after),
         own=float(np.sum(falls[own])) / max(float(np.sum(falls)), 1e-12),
         restored=most_restored(
             [
@@ -113,69 +93,34 @@ def evidence_of(
             ]
         ),
         remarkable=abs(size + shared_size(rival.fit, candidate)) / least_remarkable(candidate),
-        apart=tuple(x for x, _ in runs),
-        spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
         harm=harm,
-        traded=float(np.log1p(harm)) / max(2.0 * float(np.max(falls)), 1e-12),
-        kept=kept_of(before, after),
-        curve=left_by_a_curve(base, rival, own, problem),
         in_range=in_range(candidate, rival.fit.values[-1]),
         line=line_in_continuity(rival.fit, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
 
 
-def block_squares(misfit: Sequence[Array], thin_s: float) -> Array:
-    """Mean square of every row in blocks longer than the rest's correlation, (n_rows, n_blocks)."""
-    length = max(round(rules.PARTLY_BLOCK_S / thin_s), 2)
-    blocks = []
-    for m in misfit:
-        count = max(m.shape[1] // length, 1)
-        blocks += [np.mean(part**2, axis=1) for part in np.array_split(m, count, axis=1)]
-    return np.stack(blocks, axis=1)
-
-
-def shares_of(before: Sequence[Array], after: Sequence[Array], thin_s: float) -> tuple[float, Array]:
-    """Share of the rest's mean square that a change takes, all rows together, and that of resampled blocks."""
-    a, b = block_squares(before, thin_s), block_squares(after, thin_s)
-    draws = np.random.default_rng(0).integers(0, a.shape[1], (rules.PARTLY_DRAWS, a.shape[1]))
-
-    def share(places: Array) -> float:
-        ms = [np.maximum(x[:, places].mean(axis=1), 1.0) for x in (a, b)]
-        return 1.0 - float(np.exp(np.sum(np.log(ms[1])) - np.sum(np.log(ms[0]))))
-
-    return share(np.arange(a.shape[1])), np.array([share(own) for own in draws])
-
-
-def kept_of(before: Sequence[Array], after: Sequence[Array]) -> float:
-    """Fall of the mean square over the mean square of the change, rows in units of what is left of each; 1 at the truth."""
-    weights = 1.0 / np.maximum(row_sizes(after), 1.0) ** 2
-    falls, changes = (
-        sum(float(weights @ np.sum(own, axis=1)) for own in rows)
-        for rows in (
-            [b**2 - a**2 for b, a in zip(before, after, strict=True)],
-            [(b - a) ** 2 for b, a in zip(before, after, strict=True)],
-        )
-    )
-    return falls / max(changes, 1e-12)
-
-
-def least(resampled: Array) -> float:
-    """The share that all but few resamples reach."""
-    return float(np.quantile(resampled, rules.PARTLY_DOUBT))
+def share_of(before: Sequence[Array], after: Sequence[Array]) -> float:
+    """Share of the rest's mean square that a change takes, all rows together."""
+    first, then = (np.log(np.maximum(row_sizes(misfit), 1.0)) for misfit in (before, after))
+    return 1.0 - float(np.exp(2.0 * np.sum(then - first)))
 
 
 def tie_limit(other: RestFit, after: Sequence[Array], unseen: BalanceProblem) -> float:
     """Share by which another must be worse to be no tie; wider where it leaves less of the held-out runs than `after`."""
-    share, _ = shares_of(after, start_fit_at(other.fit, unseen).misfit, unseen.thin_s)
+    share = share_of(after, start_fit_at(other.fit, unseen).misfit)
     return rules.PARTLY_TIE_UNSEEN if share > 0.0 else rules.PARTLY_TIE
 
 
-def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float, limit: float = rules.PARTLY_TIE) -> bool:
-    """Does the other surely leave more in these rows, by more than the rest can hide?"""
+def worse(other: RestFit, rival: RestFit, rows: Sequence[int], limit: float = rules.PARTLY_TIE) -> bool:
+    """Does the other leave more in these rows, by more than the rest can hide?"""
+    return more_of(other, rival, rows) > limit
+
+
+def more_of(other: RestFit, rival: RestFit, rows: Sequence[int]) -> float:
+    """Share of the mean square of these rows that a hypothesis takes and another leaves."""
     before, after = ([m[rows] for m in found.fit.misfit] for found in (other, rival))
-    share, resampled = shares_of(before, after, thin_s)
-    return share > limit and least(resampled) > 0.0
+    return share_of(before, after)
 
 
 def harm_of(falls: Array, problem: BalanceProblem, own: list[int] | slice = slice(None)) -> float:
@@ -256,7 +201,16 @@ def values_in_leg(fit: Fit, candidate: Candidate) -> dict[str, float]:
     return values | {number.name: to_value(number, whole)}
 
 
-def apart(found: RestFit, problem: BalanceProblem) -> list[tuple[float, float]]:
-    """(coordinate, standard error) of the last effect's first number from each run alone."""
-    place = len(found.fit.priors) + sum(len(c.free()) for c in found.fit.candidates[:-1])
-    return [rest_errors.estimate(found, place, problem, (i,)) for i in range(len(problem.logs))]
+def line_in_continuity(fit: Fit, problem: BalanceProblem) -> float:
+    """Largest share of a row of continuity that stands at the frequency of the last effect, in every run; 0 of no tone.
+
+    An outside force moves piston and pressure together and leaves no line there; a hum p of the pressure signal leaves C dp/dt.
+    """
+    if not fit.values[-1].keys() >= TONE:
+        return 0.0
+    continuity = [isinstance(part.balance, Continuity) for part in problem.parts for _ in part.rows]
+    shares = [
+        [line_share(row, fit.values[-1]["frequency_Hz"], log.rate / problem.every(log)) for row in misfit[continuity]]
+        for log, misfit in zip(problem.logs, fit.misfit, strict=True)
+    ]
+    return float(np.max(np.min(shares, axis=0), initial=0.0))

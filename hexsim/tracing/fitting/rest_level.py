@@ -20,20 +20,22 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting import lag_coordinates
 from hexsim.tracing.fitting.fit import (
     Fit,
+    all_columns,
     answered,
     bounds_of,
     coordinates_of,
     effect_columns,
     fit_at,
-    parameter_columns,
+    with_effects,
 )
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.normal import normal_equations, scores_of
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, prior_precision
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
-STEPS = 8
-DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
+STEPS = 8  # of Gauss-Newton
+DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)  # of a step, tried in turn until J falls
 SPOOL_START = 0.2  # coordinate at which what vanishes at infinity starts: nothing can be differentiated at 0
 STARTS = (1.0, 0.4, 2.0)  # sizes at which an effect may begin, besides that of its column
 KEPT_PROMISE = 0.7  # share of what a column promises from which it is taken at its word
@@ -112,24 +114,12 @@ def start_rest_fit(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -
     """
     at_once = [candidate for candidate in small if not np.isinf(candidate.effect.parameters[0].neutral)]
     lagging = [candidate for candidate in small if np.isinf(candidate.effect.parameters[0].neutral)]
-    without = refined(begun(replace(bare, columns=None), at_once, 0.0, problem), problem)
+    without = refined(with_effects(replace(bare, columns=None), at_once, 0.0, problem), problem)
     if not lagging:
         return without
-    return min(without, refined(begun(without.fit, lagging, SPOOL_START, problem), problem), key=lambda own: own.cost)
-
-
-def begun(fit: Fit, small: Sequence[Candidate], size: float, problem: FitProblem) -> Fit:
-    """The fit with these nuisance effects besides, each begun at this size."""
-    numbers = [candidate.effect.parameters[0] for candidate in small]
-    values = tuple(c.start() | {number.name: to_value(number, size)} for c, number in zip(small, numbers, strict=True))
-    return answered(replace(fit, candidates=(*fit.candidates, *small), values=(*fit.values, *values)), problem)
-
-
-def all_columns(fit: Fit, problem: FitProblem) -> list[Array]:
-    """Columns of every coordinate where the fit stands."""
-    declared = parameter_columns(fit, problem).columns
-    assert declared is not None
-    return [np.concatenate(pair) for pair in zip(declared, effect_columns(fit, problem), strict=True)]
+    return min(
+        without, refined(with_effects(without.fit, lagging, SPOOL_START, problem), problem), key=lambda own: own.cost
+    )
 
 
 def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, steps: int = STEPS) -> RestFit:
@@ -200,20 +190,32 @@ def _step(fit: Fit, cost: float, columns: list[Array], problem: FitProblem) -> t
     return None, 0.0
 
 
-def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tuple[Array, Array]:
-    """Normal equations of J's tangent: rows over their mean square, N samples in all, priors included."""
-    k, held = columns[0].shape[0], prior_precision(fit)
-    m = len(held)  # a column more is of an effect that is only asked for
+def row_weights(fit: Fit, problem: FitProblem) -> Array:
+    """Of every row in J's tangent: one over its mean square, N samples in all (n_rows,)."""
     counted = independent(problem) * row_counts(problem)
-    weights = counted / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
-    A, b = np.zeros((k, k)), np.zeros(k)
-    for X, r in zip(columns, fit.misfit, strict=True):
-        scaled = X * weights[None, :, None]
-        A += scaled.reshape(k, -1) @ X.reshape(k, -1).T
-        b += scaled.reshape(k, -1) @ r.ravel()
+    return counted / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
+
+
+def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tuple[Array, Array]:
+    """Normal equations of J's tangent, priors included."""
+    held, roots = prior_precision(fit), np.sqrt(row_weights(fit, problem))
+    m = len(held)  # a column more is of an effect that is only asked for
+    weighted = [roots[:, None] * r for r in fit.misfit]
+    A, b = normal_equations([[roots[None, :, None] * X] for X in columns], weighted)
     A[range(m), range(m)] += held
     b[:m] -= held * off_prior(fit)
     return A, b
+
+
+def sandwich(found: RestFit, problem: FitProblem) -> Array:
+    """Covariance A^-1 (S + P) A^-1 of all coordinates, S from blocks longer than the rest's correlation, P of the priors: a
+    nuisance effect is known to its ordinary size."""
+    fit, roots = found.fit, np.sqrt(row_weights(found.fit, problem))
+    weighted = [roots[:, None] * r for r in fit.misfit]
+    columns = [[roots[None, :, None] * X] for X in found.columns]
+    scores = scores_of(columns, weighted, problem, rules.PARTLY_BLOCK_S)
+    inverse = np.linalg.pinv(weighted_system(fit, found.columns, problem)[0], rcond=1e-12, hermitian=True)
+    return inverse @ (scores.T @ scores + np.diag(prior_precision(fit))) @ inverse
 
 
 def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
@@ -268,9 +270,7 @@ def with_effect(
 
 def begun_with(bare: Fit, candidate: Candidate, start: Array, problem: FitProblem) -> Fit:
     """A fit with one more effect. start: coordinates of all, the effect's first number last."""
-    number, there = candidate.effect.parameters[0], fit_at(bare, start[:-1])
-    values = candidate.start() | {number.name: to_value(number, float(start[-1]))}
-    return answered(replace(there, candidates=(*bare.candidates, candidate), values=(*there.values, values)), problem)
+    return with_effects(fit_at(bare, start[:-1]), [candidate], float(start[-1]), problem)
 
 
 def asked_for(fit: Fit, system: tuple[Array, Array], own: tuple[float, float]) -> tuple[Array, float]:

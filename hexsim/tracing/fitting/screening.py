@@ -1,8 +1,7 @@
 """Screening: how much of the misfit each effect of the library explains, by one column each, parameters free beside it.
 
-The column of an effect is the change of the simulated answer with the effect's size, about the refitted machine. Normal
-equations are kept in blocks of about a second, so that cross-validated gains, standard errors and detectable sizes of
-all effects follow from small matrices.
+The column of an effect is the change of the simulated answer with the effect's size, about the refitted machine. Gains,
+errors and detectable sizes of all effects follow from small normal matrices.
 """
 
 from __future__ import annotations
@@ -12,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns
+from hexsim.tracing.fitting.fit import Fit, all_columns
+from hexsim.tracing.fitting.normal import normal_equations
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
 from hexsim.tracing.problems.problem import FitProblem
 
@@ -20,27 +20,20 @@ Array = np.ndarray
 BATCH = 8  # variants simulated at once: memory
 SCREEN_STEP = 0.1  # size of the trial effect, in typical sizes
 SCREEN_STEP_INVERSE = 0.5  # the same for effects that vanish at infinity
-FOLDS = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Screened:
-    """One candidate's line of the screening table. Gains are shares of chi2; sizes are coordinates."""
+    """One candidate's line of the screening table. Sizes are coordinates."""
 
     candidate: Candidate
     size: float
     gain_chi2: float
-    gain_cv: float
-    gain_se: float
-    blocks: int
+    share: float  # of chi2
     sd: float  # of the size, from noise alone
     explained_by_others: float  # R^2 of the column on the declared parameters' columns
     reach: float  # chi2 of the channels that the effect changes: no size of it takes much more
     column: tuple[Array, ...]  # beside the declared parameters, a log: (n_channels, n); for ties
-
-    @property
-    def score(self) -> float:
-        return self.gain_chi2
 
 
 def trial_size(candidate: Candidate) -> float:
@@ -80,42 +73,19 @@ def columns_of(
     return found
 
 
-def block_slices(fit: Fit, problem: FitProblem) -> list[tuple[int, slice]]:
-    """Blocks of about a second over all logs: (log, samples)."""
-    blocks = []
-    for i, misfit in enumerate(fit.misfit):
-        n = misfit.shape[1]
-        count = problem.blocks(i)
-        edges = np.linspace(0, n, count + 1).astype(int)
-        blocks += [(i, slice(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    return blocks
-
-
 def screen(
     fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Callable[[int], None] = lambda n: None
 ) -> list[Screened]:
     """All candidates, best first. `fit` must hold the columns of its parameters (and of its effects, if any)."""
     columns = columns_of(fit, candidates, problem, tick)
-    base = base_columns(fit, problem)
-    blocks = block_slices(fit, problem)
+    base = all_columns(fit, problem)
     lines = []
     free = free_columns(fit)
     for candidate, own in zip(candidates, columns, strict=True):
         if not all(np.all(np.isfinite(c)) for c in own):
             continue
-        lines.append(_line(candidate, own, base, fit, blocks, free))
-    return sorted(lines, key=lambda line: -line.score)
-
-
-def base_columns(fit: Fit, problem: FitProblem) -> list[Array]:
-    """Columns of everything that is free already: declared parameters and the numbers of effects that were added."""
-
-    if fit.columns is None:
-        fit = parameter_columns(fit, problem)
-    assert fit.columns is not None
-    if not fit.candidates:
-        return fit.columns
-    return [np.concatenate(pair) for pair in zip(fit.columns, effect_columns(fit, problem), strict=True)]
+        lines.append(_line(candidate, own, base, fit, free))
+    return sorted(lines, key=lambda line: -line.gain_chi2)
 
 
 def free_columns(fit: Fit) -> Array:
@@ -126,46 +96,25 @@ def free_columns(fit: Fit) -> Array:
     return np.concatenate([inside, np.ones(numbers, bool)])
 
 
-def _line(
-    candidate: Candidate, own: list[Array], base: list[Array], fit: Fit, blocks: list[tuple[int, slice]], free: Array
-) -> Screened:
-    """One candidate: gain in chi2 beside the free parameters, cross-validated in blocks."""
-    k = base[0].shape[0] + 1
-    A, b = np.zeros((len(blocks), k, k)), np.zeros((len(blocks), k))
-    for j, (i, samples) in enumerate(blocks):
-        X = np.concatenate([base[i][:, :, samples], own[i][None, :, samples]]).reshape(k, -1)
-        A[j] = X @ X.T
-        b[j] = X @ fit.misfit[i][:, samples].ravel()
+def _line(candidate: Candidate, own: list[Array], base: list[Array], fit: Fit, free: Array) -> Screened:
+    """One candidate: gain in chi2 beside the free parameters."""
+    A, b = normal_equations([(X, x[None]) for X, x in zip(base, own, strict=True)], fit.misfit)
+    k = len(b)
     prior = np.zeros(k)
     prior[: len(fit.priors)] = 3.0
-    whole = A.sum(0) + np.diag(prior)  # what can be known of a size: also beside parameters that stand at a bound here
+    whole = A + np.diag(prior)  # what can be known of a size: also beside parameters that stand at a bound here
     beside = _least(whole[:-1, :-1], whole[:-1, -1])
     rest = whole[-1, -1] - whole[-1, :-1] @ beside
     rest = max(rest, 1e-12 * max(whole[-1, -1], 1e-300))
     use = np.concatenate([free, [True]])
-    A, b, prior = A[:, use][:, :, use], b[:, use], prior[use]
-    total_A, total_b = A.sum(0) + np.diag(prior), b.sum(0)
-    low, high = coordinate_bounds(candidate.effect.parameters[0])
-    with_own, size = _solve(total_A, total_b, low, high)
-    without = np.append(_least(total_A[:-1, :-1], total_b[:-1]), 0.0)
-    gain = _gain(total_A, total_b, with_own) - _gain(total_A, total_b, without)
-    gains = []
-    for fold in range(FOLDS):
-        out = np.arange(len(blocks)) % FOLDS == fold
-        if not out.any():
-            continue
-        A_in, b_in = total_A - A[out].sum(0), total_b - b[out].sum(0)
-        theta, _ = _solve(A_in, b_in, low, high)
-        plain = np.append(_least(A_in[:-1, :-1], b_in[:-1]), 0.0)
-        gains.append(_gain(A[out].sum(0), b[out].sum(0), theta) - _gain(A[out].sum(0), b[out].sum(0), plain))
-    shares = np.array(gains) * len(gains) / max(fit.chi2, 1e-300)
+    A, b = whole[use][:, use], b[use]
+    theta, size = _solve(A, b, *coordinate_bounds(candidate.effect.parameters[0]))
+    gain = _gain(A, b, theta) - _gain(A[:-1, :-1], b[:-1], _least(A[:-1, :-1], b[:-1]))
     return Screened(
         candidate=candidate,
         size=size,
-        gain_chi2=float(gain),
-        gain_cv=float(np.mean(shares)),
-        gain_se=float(np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else np.inf,
-        blocks=len(gains),
+        gain_chi2=gain,
+        share=gain / max(fit.chi2, 1e-300),
         sd=float(1.0 / np.sqrt(rest)),
         explained_by_others=float(1.0 - rest / max(whole[-1, -1], 1e-300)),
         reach=float(sum(np.sum(m[np.any(x, axis=1)] ** 2) for x, m in zip(own, fit.misfit, strict=True))),

@@ -12,8 +12,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import Fit, answered, parameter_columns, refine, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.fit import (
+    Fit,
+    answered,
+    parameter_columns,
+    refine,
+    start_fit_at,
+    with_effects,
+    without_effect,
+)
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.screening import Screened, screen
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 
@@ -52,7 +60,7 @@ def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screene
     best: dict[str, Screened] = {}
     for line in lines:
         key = line.candidate.label
-        if key not in best or line.score > best[key].score:
+        if key not in best or line.gain_chi2 > best[key].gain_chi2:
             best[key] = line
     ranked = sorted(best.values(), key=lambda line: -line.gain_chi2)
     if not ranked or ranked[0].gain_chi2 <= alarm * scale:
@@ -83,18 +91,11 @@ def cut(fit: Fit, whole: FitProblem, part: FitProblem) -> Fit:
     return replace(fit, misfit=misfit, columns=columns, chi2=chi2, n=sum(m.size for m in misfit))
 
 
-def with_candidate(fit: Fit, candidate: Candidate, coordinate: float, problem: FitProblem) -> Fit:
-    """The fit with one more effect at a size, not yet refined."""
-    size = candidate.effect.parameters[0]
-    values = candidate.start() | {size.name: to_value(size, coordinate)}
-    return answered(replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values)), problem)
-
-
 def try_candidate(fit: Fit, candidate: Candidate, size: float, problem: FitProblem, steps: int) -> Fit | None:
     """The fit with the candidate added at about this size and refined; None when no size of it simulates."""
     size = float(np.clip(size, -rules.START_SIZE, rules.START_SIZE)) or 0.1
     for shrink in (1.0, 0.3, 0.1, 0.03):
-        grown = with_candidate(fit, candidate, size * shrink, problem)
+        grown = with_effects(fit, [candidate], size * shrink, problem)
         if np.isfinite(grown.chi2):
             return refine(grown, problem, steps=steps)
     return None
@@ -181,9 +182,7 @@ def pruned(fit: Fit, problem: FitProblem) -> Fit:
         def worth(less: Fit, promise: float, most: float = most) -> bool:
             return np.sqrt(less.chi2) - np.sqrt(rules.PROMISE_MARGIN * promise) < np.sqrt(most)
 
-        candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
-        less = start_fit_at(replace(fit, candidates=candidates, values=values), problem)
-        less = refine(less, problem, fresh=True, worth=worth)
+        less = refine(start_fit_at(without_effect(fit, k), problem), problem, fresh=True, worth=worth)
         if less.chi2 < most:
             fit = less
     return fit

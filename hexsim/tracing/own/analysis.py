@@ -22,7 +22,7 @@ WORSE = 1.005  # a refit that leaves more than this share of the declaration's r
 HELD = 1e-6  # relative uncertainty of a term that is held to its declaration
 SEEN = 3.0  # standard errors that an effect must have to be seen
 EXTREME = 0.03  # of the samples at either end of a signal
-EXTREME_SIGMA = 4.0
+EXTREME_SIGMA = 4.0  # standard errors: two ends of every signal are asked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,7 +14,7 @@ from scipy.signal import find_peaks
 Array = np.ndarray
 CLEAR = 8.0  # times the usual difference of two means: a change of level
 LEVEL = 0.5  # of the largest change: a level further from the usual one is an event
-MOST = 200
+MOST = 200  # events: more of them are no events
 
 
 @dataclass(frozen=True, kw_only=True)

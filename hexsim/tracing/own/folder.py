@@ -24,12 +24,11 @@ from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.own.alignment import Sentences, refined
 from hexsim.tracing.own.expressions import formula, plain
-from hexsim.tracing.term_columns import Expression, OwnBalance, Point, Term, aligned
+from hexsim.tracing.term_columns import OwnBalance, Point, Term, aligned, by_delay
 
 MODULE = "balances.py"
-LEAST_RUNS = 3
+LEAST_RUNS = 3  # to hold one out twice
 PARTS = 6  # that fewer runs are cut into
-NUDGE_SAMPLES = 1.0  # of a channel whose delay is a candidate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,7 +140,12 @@ def balance_of(table: BalanceTable, names: dict[str, str], where: str) -> OwnBal
     def left(point: Point) -> np.ndarray:
         return target(point) - sum((c * term.column(point) for c, term in declared), np.zeros(len(point.log.time)))
 
-    candidates = tuple(late_term(one, left) if one.late else term_of(one, names, place) for one in table.candidates)
+    candidates = tuple(
+        Term(name=one.name, unit=one.unit, column=by_delay(left, one.late), sign=one.sign)
+        if one.late
+        else term_of(one, names, place)
+        for one in table.candidates
+    )
     valid = None
     if table.valid is not None:
         inside = plain(table.valid, place, names)
@@ -175,17 +179,6 @@ def term_of(table: TermTable, names: dict[str, str], where: str) -> Term:
 def _axis(table: TermTable) -> list[str]:
     """What gives a hinge or a threshold its place."""
     return [key for key in ("above", "below", "step") if getattr(table, key) is not None]
-
-
-def late_term(table: TermTable, left: Expression) -> Term:
-    """What a delay of a channel does to the balance: the change of target less declared terms with it."""
-    channel = table.late or ""
-
-    def column(point: Point) -> np.ndarray:
-        step = NUDGE_SAMPLES / point.log.rate
-        return (left(point.late(channel, -step)) - left(point.late(channel, step))) / (2.0 * step)
-
-    return Term(name=table.name, unit=table.unit, column=column, sign=table.sign)
 
 
 def of_module(folder: Path, fit: Sequence[str], validate: Sequence[str]) -> OwnMachine:

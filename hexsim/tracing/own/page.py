@@ -15,7 +15,7 @@ from hexsim.tracing.own.analysis import OwnTrace
 from hexsim.tracing.own.folder import OwnMachine
 
 SHOWN_S = 30.0  # of a run
-MOST_POINTS = 4000
+MOST_POINTS = 4000  # of a line: more than a page has pixels
 WIDE = 30.0  # largest by smallest bar beyond which the axis is logarithmic
 STEPS = (("declared", "as declared"), ("refit", "refitted"), ("with_terms", "with the terms"))
 SHADES = {"declared": "0.75", "refit": "0.5", "with_terms": "#1f5fa8"}

@@ -88,10 +88,6 @@ class FitProblem(ABC):
             found[i][k] = residual  # at once: a list of all of them would be a second copy
         return found
 
-    def blocks(self, i: int) -> int:
-        """How many blocks of about a second log i has."""
-        return max(int((self.logs[i].time[-1] - self.logs[i].time[0]) / rules.BLOCK_S), 2)
-
     @property
     def duration_s(self) -> float:
         """Length of the longest log."""

@@ -241,15 +241,15 @@ def balance_parts(result: Trace) -> list[Markup]:
 def screening_parts(result: Trace) -> list[Markup]:
     """The first round of the search."""
     rows = [
-        Row((s["name"], s["balance"], share(s["cv"]), share(s["se"]), bar(s["cv"]), plain(s["reduced"], 4),
+        Row((s["name"], s["balance"], share(s["share"]), bar(s["share"]), plain(s["reduced"], 4),
              s["became"] or "not refitted"),
             "best" if s["became"] in ("named", "tie") else "")
         for s in screening_rows(result)
     ]  # fmt: skip
-    heads = ["effect", Column("balance", "text"), "share of the misfit it takes away", "±", Column("", "text"), "misfit after its refit",
+    heads = ["effect", Column("balance", "text"), "share of the misfit it takes away", Column("", "text"), "misfit after its refit",
              Column("", "text")]  # fmt: skip
     meaning = (
-        "The first round, all effects alone. The share is judged on blocks of the runs that were not fitted and only decides who is "
+        "The first round, all effects alone. The share is that of one column and only decides who is "
         "refitted by simulation; the misfit after that decides: it is the mean square of measured − model over the noise, 1 at the "
         "noise. Effects that reach the same misfit are a tie."
     )
@@ -358,7 +358,7 @@ def partly_sentence(result: Trace, before: str, after: str) -> str:
     left = f" What is left is in {place_of(rests[0])}" if rests else ""
     return (
         f"It takes {first.share:.0%} of the mean square that the balances leave on the fit runs and {first.gain_cv:.0%} on the "
-        f"held-out ones, with the same number in each run.{tied} The largest error on held-out motion goes from {before} "
+        f"held-out ones.{tied} The largest error on held-out motion goes from {before} "
         f"to {after} times its sensor's noise.{left}"
     )
 

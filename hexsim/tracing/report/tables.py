@@ -191,8 +191,7 @@ def screening_rows(result: Trace, most: int = 14) -> list[dict[str, Any]]:
         rows[label] = {
             "name": label.replace("_", " "),
             "balance": line.candidate.effect.balance,
-            "cv": line.gain_cv,
-            "se": line.gain_se,
+            "share": line.share,
             "reduced": refitted.get(label),
             "became": became,
         }

@@ -21,7 +21,7 @@ CAPTION = (
     "Inside: one standard error of both together, outside two."
 )
 LEAST_CORRELATION = 0.9  # of two numbers that trade
-MOST_DRAWN = 6
+MOST_DRAWN = 6  # pairs: two rows of panels
 ACROSS = 3  # panels a row
 
 

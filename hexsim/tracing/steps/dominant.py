@@ -5,9 +5,9 @@ An effect is named if all of this holds (docs/tracing.md):
 
     share        it takes much of the mean square of the rest, or brings its own balance to the noise
     own          most of what it takes lies in its own balance
-    unseen       it does so on the held-out runs, whole and in all but few of the resamples of their blocks
-    invariant    each run alone gives the same number, within its errors or a fifth
-    rivals       no curve over one signal does clearly better; effects that do as well within the blocks are a tie
+    unseen       it does so on the held-out runs
+    harmless     a sensor's effect makes no other row worse
+    rivals       effects that do as well within the blocks are a tie
     remarkable   it is larger than what any machine has of it
 """
 
@@ -19,28 +19,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting import rest_errors, rest_level
-from hexsim.tracing.fitting.fit import Fit, coordinates_of, refine, start_fit, start_fit_at
+from hexsim.tracing.fitting import rest_level
+from hexsim.tracing.fitting.fit import (
+    Fit,
+    coordinates_of,
+    refine,
+    start_fit,
+    start_fit_at,
+    with_effects,
+    without_effect,
+)
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds
-from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure, values_in_leg
+from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
 from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
 from hexsim.tracing.fitting.rest_level import RestFit
-from hexsim.tracing.fitting.rest_odds import odds_against
 from hexsim.tracing.fitting.rest_priors import acts_late, effects_of
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import inert, residual_at_noise_level
-from hexsim.tracing.held_out import at_the_rest, refused, without_effect
+from hexsim.tracing.held_out import at_the_rest, refused
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
-from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
+from hexsim.tracing.state import Step, Tell, Trace
 from hexsim.tracing.steps.balance_search import joint_problem, with_fast_rows
-from hexsim.tracing.steps.verdict import held_out_gains
+from hexsim.tracing.steps.verdict import held_out_gains, named_effect
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 LARGEST_START = 3.0  # coordinate
 REFIT_STEPS = 4  # of Gauss-Newton, of a hypothesis that begins where the balances left it
-TIES_KEPT = 3  # of an effect, the best first
+NEAREST = 3  # rivals that are refitted with all columns anew, and ties that are kept, the best first
 Job = tuple[float, Candidate, Array]  # what the column promises, the effect, the coordinates to begin with
 
 
@@ -141,19 +148,19 @@ def grown_by_one(
     there = {c.label for c in effects_of(base.fit)}
     possible = [c for c in trace.candidates if c.label not in there]
     begun, hidden = rivals_of(base, possible, problem, bool(there))
-    rivals, tried = contenders(begun, base, problem), []
-    for rival in rivals[: rules.PARTLY_TRIED]:
-        if base.cost - rival.cost < rules.PARTLY_PROMISE * least_fall(problem):
-            break
-        tried.append(evidence_of(base, rival, rivals, problem, unseen))
-        if sure(tried[-1]):
-            tie = [own for own in rivals if label_of(own) in (*tried[-1].tied, label_of(rival))]
-            likeliest = min(tie, key=lambda own: likelihood(own, problem, unseen)) if len(tie) > 1 else rival
-            if likeliest is not rival:
-                own = evidence_of(base, likeliest, rivals, problem, unseen)
-                rival, tried = (likeliest, [*tried, own]) if sure(own) else (rival, tried)
-            return rival, tried, hidden, [other for other in rivals if label_of(other) in tried[-1].tied][:TIES_KEPT]
-    return None, tried, hidden, rivals[: len(tried)]
+    rivals = contenders(begun, base, problem)
+    standing = [own for own in rivals[:NEAREST] if base.cost - own.cost >= rules.PARTLY_PROMISE * least_fall(problem)]
+    if not standing:
+        return None, [], hidden, []
+    rival, tried = standing[0], [evidence_of(base, standing[0], rivals, problem, unseen)]
+    if not sure(tried[0]):
+        return None, tried, hidden, standing
+    tie = [own for own in rivals if label_of(own) in (*tried[0].tied, label_of(rival))]
+    likeliest = min(tie, key=lambda own: likelihood(own, unseen)) if len(tie) > 1 else rival
+    if likeliest is not rival:
+        own = evidence_of(base, likeliest, rivals, problem, unseen)
+        rival, tried = (likeliest, [*tried, own]) if sure(own) else (rival, tried)
+    return rival, tried, hidden, [other for other in rivals if label_of(other) in tried[-1].tied][:NEAREST]
 
 
 def followed(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | None:
@@ -168,14 +175,15 @@ def label_of(rival: RestFit) -> str:
     return rival.fit.candidates[-1].label
 
 
-def likelihood(rival: RestFit, problem: BalanceProblem, unseen: BalanceProblem) -> tuple[bool, bool, float]:
-    """Of a tie the first: what any machine has so much of, a physical cause, then what the logs and the sizes say.
+def likelihood(rival: RestFit, unseen: BalanceProblem) -> tuple[bool, bool, float]:
+    """Of a tie the first: what any machine has so much of, a physical cause, then what leaves least of all runs.
 
     What a nuisance effect of ordinary size does as well is fitted and not named.
     """
     candidate = rival.fit.candidates[-1]
     small = candidate.effect.name in rules.ORDINARY and abs(rest_level.size_of(rival.fit)) < least_remarkable(candidate)
-    return not small, candidate.effect.generic, odds_against(rival, problem, unseen)
+    left = rival.cost + rest_level.cost_of_rows(start_fit_at(rival.fit, unseen), unseen)
+    return not small, candidate.effect.generic, left
 
 
 def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem) -> list[RestFit]:
@@ -185,7 +193,7 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     """
     best = max((base.cost - rival.cost for rival in rivals), default=0.0)
     least = max(rules.PARTLY_PROMISE * least_fall(problem), rules.PARTLY_NEAR * best)
-    near = [rival for rival in rivals[: rules.PARTLY_TRIED] if base.cost - rival.cost > least]
+    near = [rival for rival in rivals[:NEAREST] if base.cost - rival.cost > least]
     late = (rest_level.without_lag(rival, problem) for rival in near if any(map(acts_late, effects_of(rival.fit))))
     begun = [*near, *(own for own in late if own is not None)]
     anew = in_parallel(lambda rival: rest_level.renewed(rival, problem), begun)
@@ -219,7 +227,7 @@ def beside_its_own(found: RestFit, legs: Sequence[str], small: Sequence[Candidat
     there = {c.label for c in found.fit.candidates}
     adding = [c for c in small if c.effect.places == "leg" and np.isfinite(c.effect.parameters[0].neutral)]
     own = [alone for leg in legs for c in adding if (alone := replace(c, where=leg)).label not in there]
-    return rest_level.refined(rest_level.begun(found.fit, own, 0.0, problem), problem) if own else found
+    return rest_level.refined(with_effects(found.fit, own, 0.0, problem), problem) if own else found
 
 
 def beside_small(trace: Trace) -> tuple[RestFit, BalanceProblem, BalanceProblem]:
@@ -269,14 +277,16 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     trace = replace(trace, hidden=found.hidden, rest=rest, rest_problem=found.problem)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
-    fit = replace(found.best.fit, covariance=rest_errors.sandwich(found.best, found.problem))
+    fit = replace(found.best.fit, covariance=rest_level.sandwich(found.best, found.problem))
     final = replace(start_fit_at(fit, trace.fit_problem), covariance=fit.covariance)
     final, named, said = named_by_simulation(final, found.named, trace, tell)
     trace = replace(trace, refused=(*trace.refused, *said))
     if not named:
         return replace(trace, decided="; ".join(said))
-    gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
-    effects = [named_effect(final, own, trace, gains) for own in named]
+    gains = held_out_gains(final, trace.base, trace.validate_problem)
+    effects = [
+        named_effect(trace, final, own.candidate, own.tied, gains, share=own.share, unseen=own.unseen) for own in named
+    ]
     words = "; ".join(f"{own.label} takes {own.share:.0%} of the rest, {own.unseen:.0%} held out" for own in named)
     decided = "; ".join((words, *said))
     return replace(trace, final=final, verdict="partly", effects=effects, ties=[{} for _ in effects], decided=decided)
@@ -339,25 +349,6 @@ def coordinate_error(fit: Fit, k: int) -> float:
         return 0.0
     place = len(fit.priors) + sum(len(candidate.free()) for candidate in fit.candidates[:k])
     return float(np.sqrt(max(fit.covariance[place, place], 0.0)))
-
-
-def named_effect(final: Fit, own: Evidence, trace: Trace, gains: tuple[float, ...]) -> NamedEffect:
-    """A sure effect with its evidence."""
-    k = final.candidates.index(own.candidate)
-    gain = trace.base.chi2 - final.chi2
-    return NamedEffect(
-        candidate=own.candidate,
-        values=values_in_leg(final, own.candidate),
-        standard_errors=final.standard_errors()[k],
-        tied_with=own.tied,
-        gain_chi2=gain,
-        gain_cv=own.unseen,
-        blocks=round(trace.validate_problem.duration_s / rules.PARTLY_BLOCK_S),
-        d_bic=float(-gain + len(own.candidate.free()) * np.log(final.n)),
-        held_out=gains,
-        single_leg=final.machine.n_legs == 1,
-        share=own.share,
-    )
 
 
 STEP = Step(name="sure effects", doing="looking for sure effects", share=0.15, run=name_the_sure)

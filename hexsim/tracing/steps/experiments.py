@@ -18,17 +18,15 @@ import tomli_w
 
 from hexsim.declaration import Machine
 from hexsim.machine.files import changed
-from hexsim.machine.geometry import machine_kinematics
-from hexsim.scenarios.scenario import scenario_from_dict
-from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.attempt import attempted
+from hexsim.tracing.design.motions import MotionFamily, setpoint_log
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
 
 Array = np.ndarray
-RATE_Hz = 1000.0
+DURATION_S, MOTIONS = 20.0, 8  # of a motion; two of each kind nearly, and a power of 2 as the family asks
 HEAVIER = 1.5  # load of the heavier variant
 
 
@@ -49,64 +47,10 @@ class Experiment:
 
 
 def motions(machine: Machine) -> list[dict[str, Any]]:
-    """Candidate motions as scenario tables, for the stroke of this machine."""
-    half = machine.cylinder.stroke_m / 2
-    sines = [
-        {"kind": "sine", "amplitude": 0.5 * half, "frequency_Hz": 0.5},
-        {"kind": "sine", "amplitude": 0.8 * half, "frequency_Hz": 0.1},
-        {"kind": "sine", "amplitude": 0.1 * half, "frequency_Hz": 3.0},
-        {"kind": "sweep", "amplitude": 0.2 * half, "start_Hz": 0.2, "end_Hz": 8.0, "duration_s": 20.0, "law": "log"},
-        {
-            "kind": "multisine",
-            "amplitudes": [0.3 * half, 0.15 * half, 0.08 * half, 0.03 * half],
-            "frequencies_Hz": [0.17, 0.53, 1.3, 3.7],
-            "seed": 1,
-        },
-    ]
-    return [scenario_tables(machine, signal) for signal in sines]
-
-
-def scenario_tables(machine: Machine, signal: dict[str, Any]) -> dict[str, Any]:
-    """One signal as a scenario of 20 s: along z of a platform, on the leg of a bench."""
-    axis = "z" if machine.is_hexapod else "leg_1"
-    return {
-        "name": "separate",
-        "mode": "dof" if machine.is_hexapod else "actuator",
-        "machine_name": machine.name,
-        "duration_s": 20.0,
-        "fade_s": 2.0,
-        "fade": "smooth",
-        "axes": {axis: signal},
-    }
-
-
-def setpoint_log(machine: Machine, tables: dict[str, Any], rate_Hz: float = RATE_Hz) -> Log:
-    """An empty log with the scenario's setpoints, as a problem for the simulation."""
-    scenario = scenario_from_dict(tables)
-    time = np.arange(int(scenario.duration_s * rate_Hz)) / rate_Hz
-    every = max(round(rate_Hz / machine.controller.rate_Hz), 1)
-    held = time[(np.arange(len(time)) // every) * every]
-    value = scenario.evaluate(held)[0]
-    if machine.is_hexapod:
-        setpoint = machine_kinematics(machine).piston_positions(value).T.copy()
-    else:
-        setpoint = value[:, 0][None] + machine.mechanics.neutral_positions[:, None]
-    zeros = np.zeros_like(setpoint)
-    axes = np.zeros((3 if machine.is_hexapod else 1, len(time)))
-    return Log(
-        name="experiment",
-        kind=machine.machine.kind,
-        time=time,
-        rate=rate_Hz,
-        setpoint=setpoint,
-        position=setpoint.copy(),
-        volts=zeros,
-        pressure=zeros,
-        pressure_top=zeros if machine.cylinder.rod_side == "valve" else None,
-        supply=np.zeros(len(time)),
-        acceleration=axes,
-        angular=axes if machine.is_hexapod else None,
-    )
+    """Candidate motions inside the limits of this machine; none where none can be made."""
+    family = MotionFamily(machine, DURATION_S)
+    found = attempted(lambda: [family.scenario(point) for point in family.first_points(MOTIONS)]) or []
+    return [tables for tables in found if tables is not None]
 
 
 def separation(first: Machine, second: Machine, noise: dict[str, float], tables: dict[str, Any]) -> float:
@@ -127,14 +71,16 @@ def heavier_load(machine: Machine) -> dict[str, float]:
     return {f"load.{machine.load.mass_key}": HEAVIER * machine.load.carried_mass_kg}
 
 
-def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[str, float]) -> Experiment:
-    """The best of the motions, with the load as it is, or heavier where that is needed."""
-    a, b, machine = first.fitted_machine(), second.fitted_machine(), first.machine
-    tried = [(separation(a, b, noise, tables), tables) for tables in motions(machine)]
-    best = max(tried, key=lambda item: item[0])
-    if best[0] < 4 * rules.TIE_CHI2:
-        heavier = [tables | {"machine": heavier_load(machine)} for tables in motions(machine)]
-        best = max([best, *((separation(a, b, noise, tables), tables) for tables in heavier)], key=lambda item: item[0])
+def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[str, float]) -> Experiment | None:
+    """The best of the motions, with the load as it is, or heavier where that is needed; None where there is no motion."""
+    a, b, plain = first.fitted_machine(), second.fitted_machine(), motions(first.machine)
+    best: tuple[float, dict[str, Any]] = (-1.0, {})
+    for change in ({}, {"machine": heavier_load(first.machine)}):
+        if best[0] < 4 * rules.TIE_CHI2:
+            tried = [(separation(a, b, noise, tables | change), tables | change) for tables in plain]
+            best = max([best, *tried], key=lambda item: item[0])
+    if not best[1]:
+        return None
     tables = dict(best[1])
     tables["name"] = f"separate-{names[0]}-from-{names[1]}".replace("_", "-").replace(" ", "-")
     load = " with a heavier load" if "machine" in tables else ""
@@ -150,6 +96,8 @@ def plan_experiments(trace: Trace, tell: Tell) -> Trace:
             rival = tied[label]
             names = (effect.candidate.label, label)
             found = experiment_for(trace.final, rival, names, trace.fit_problem.noise)
+            if found is None:
+                continue
             scenarios[found.file_name] = found.text()
             words = found.tables["description"]
             entries.append(

@@ -19,7 +19,7 @@ from hexsim.hydraulics.parameters import LEARNED_KNOTS
 from hexsim.machine.files import changed
 from hexsim.tracing import rules
 from hexsim.tracing.balances import learned_term_of
-from hexsim.tracing.dependence import behind_low_pass
+from hexsim.tracing.dependence import FOLDS, behind_low_pass
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.selection import scale_of
 from hexsim.tracing.held_out import growths
@@ -94,7 +94,7 @@ def learned_fit(
         "curve": table["curve"] | {"standard_error": [float(x) for x in rest.dependence.curve_sd]},
         "evidence": {
             "block_cv_gain": rest.dependence.r2_cv,
-            "blocks": len(problem.logs) * problem.blocks(0),
+            "blocks": FOLDS,
             "dBIC": float(fit.chi2 - base.chi2 + LEARNED_KNOTS * np.log(fit.n)),
             "held_out_gain": gains,
         },

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, all_columns, effect_columns, start_fit_at
 from hexsim.tracing.fitting.normal import flat
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
 from hexsim.tracing.problems.balance import BalanceProblem
@@ -47,21 +47,14 @@ def read_as(fit: Fit, k: int, name: Candidate, balances: BalanceProblem) -> Read
         values = (*fit.values[:k], {number.name: value}, *fit.values[k + 1 :])
         return replace(fit, candidates=(*fit.candidates[:k], name, *fit.candidates[k + 1 :]), values=values)
 
-    here = all_columns(fit, balances)
+    here = flat(all_columns(start_fit_at(fit, balances), balances))
     does = here[place] * to_coordinate(size, fit.values[k][size.name])
     own = flat(effect_columns(start_fit_at(under_it(number.typical), balances), balances, only=k))[0]
     coordinate = float(own @ does) / float(own @ own)
-    there = all_columns(under_it(to_value(number, coordinate)), balances)
+    there = flat(all_columns(start_fit_at(under_it(to_value(number, coordinate)), balances), balances))
     there[place] = 0.0
     turned = (here - there) @ own / (own @ own)
     error = float("nan") if fit.covariance is None else float(np.sqrt(max(turned @ fit.covariance @ turned, 0.0)))
     value = to_value(number, coordinate)
     errors = {number.name: abs(to_value(number, coordinate + error) - value)}
     return Reading(candidate=name, values={number.name: value}, standard_errors=errors)
-
-
-def all_columns(fit: Fit, balances: BalanceProblem) -> Array:
-    """Columns of the declared parameters and of all effects' numbers (n_numbers, n)."""
-    there = parameter_columns(start_fit_at(fit, balances), balances)
-    assert there.columns is not None
-    return np.concatenate([flat(there.columns), flat(effect_columns(there, balances))])

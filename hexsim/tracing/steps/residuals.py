@@ -35,7 +35,7 @@ CHANNELS = {  # signal -> channel of the log
     "pressure_supply_Pa": "supply",
     "acceleration_m_s2": "acceleration",
 }
-LATE_SAMPLES = 2
+LATE_SAMPLES = 2  # of a channel whose lateness is tried: beyond what a window hides
 PLAY_NOISE = (7.0, 28.0)  # half widths of play in the position, in units of its noise
 
 

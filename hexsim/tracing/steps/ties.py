@@ -16,7 +16,7 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import Loop
-from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at, without_effect
 from hexsim.tracing.fitting.limits import limits_of, reached
 from hexsim.tracing.fitting.normal import flat
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_coordinate, to_value
@@ -26,10 +26,10 @@ from hexsim.tracing.held_out import refused
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
+from hexsim.tracing.state import Step, Tell, Trace
 from hexsim.tracing.steps.hypotheses import simulated_fit
 from hexsim.tracing.steps.one_term import with_readings
-from hexsim.tracing.steps.verdict import held_out_gains
+from hexsim.tracing.steps.verdict import held_out_gains, named_effect
 
 Array = np.ndarray
 SAME_TERM = 1e-8  # share that one column leaves of another where both are one term
@@ -37,14 +37,9 @@ TIE_FAR = 0.25  # candidates are no ties that do less than this share of the nam
 TANGENT = 0.05  # share of the trial size at which tangents are taken: near a resonance the answer is soon nonlinear
 
 
-def without(fit: Fit, k: int, problem: SimulatedProblem) -> Fit:
+def bare_at(fit: Fit, k: int, problem: SimulatedProblem) -> Fit:
     """The fitted machine with effect k taken away, nothing refitted, as seen by a problem."""
-    bare = replace(
-        fit,
-        candidates=fit.candidates[:k] + fit.candidates[k + 1 :],
-        values=fit.values[:k] + fit.values[k + 1 :],
-    )
-    return parameter_columns(start_fit_at(bare, problem), problem)
+    return parameter_columns(start_fit_at(without_effect(fit, k), problem), problem)
 
 
 def stand_ins(
@@ -103,7 +98,7 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedP
     """Effects that can stand for effect k: label -> the hypothesis with it, refitted on the whole runs."""
     head = problem.head(rules.TRIAGE_S)
     near = stand_ins(fit, k, possible, head)
-    bare = without(fit, k, head) if near else fit
+    bare = bare_at(fit, k, head) if near else fit
 
     def refitted(entry: tuple[Candidate, float]) -> Fit | None:
         opening = try_candidate(bare, *entry, head, rules.TRIAGE_STEPS)
@@ -129,7 +124,7 @@ def better_limit(fit: Fit, k: int, trace: Trace) -> Fit | None:
     if balances is None or own.limit or not limits:
         return None
     head, margin = problem.head(rules.TRIAGE_S), rules.TIE_CHI2 * scale_of(fit)
-    bare, alarm = without(fit, k, head), rules.alarm(trace.screened)
+    bare, alarm = bare_at(fit, k, head), rules.alarm(trace.screened)
     here, at_balances = start_fit_at(fit, head).chi2, start_fit_at(bare, balances)
     found = None
     for candidate in limits:
@@ -190,27 +185,6 @@ def with_ties(fit: Fit, trace: Trace) -> tuple[Fit, list[dict[str, Fit]]]:
     return fit, ties
 
 
-def named_effect(trace: Trace, k: int, tied: tuple[str, ...], gains: tuple[float, ...]) -> NamedEffect:
-    """Effect k of the final hypothesis with its evidence."""
-    base, final = trace.base, trace.final
-    candidate = final.candidates[k]
-    lines = [line for stage in trace.search.stages for line in stage.lines if line.candidate.label == candidate.label]
-    gain = base.chi2 - final.chi2
-    count = sum(len(c.free()) for c in final.candidates)
-    return NamedEffect(
-        candidate=candidate,
-        values=final.values[k],
-        standard_errors=final.standard_errors()[k],
-        tied_with=tied,
-        gain_chi2=gain,
-        gain_cv=lines[0].gain_cv if lines else float("nan"),
-        blocks=lines[0].blocks if lines else 0,
-        d_bic=float(-gain + count * np.log(final.n)),
-        held_out=gains,
-        single_leg=final.machine.n_legs == 1,
-    )
-
-
 def look_for_ties(trace: Trace, tell: Tell) -> Trace:
     """Of an explained machine: the ties of each effect, and each effect with its evidence. The balances have told those of
     a partly explained one."""
@@ -223,8 +197,10 @@ def look_for_ties(trace: Trace, tell: Tell) -> Trace:
     if final is not trace.final and refused(final, trace.base, trace.validate_problem) is not None:
         final, ties = trace.final, [{} for _ in trace.final.candidates]  # the verdict has judged that one
     trace = replace(trace, final=final, ties=ties)
-    gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
-    effects = [named_effect(trace, k, tuple(tied), gains) for k, tied in enumerate(ties)]
+    gains = held_out_gains(final, trace.base, trace.validate_problem)
+    effects = [
+        named_effect(trace, final, own, tuple(tied), gains) for own, tied in zip(final.candidates, ties, strict=True)
+    ]
     if trace.balance_problem is not None:
         effects = with_readings(effects, final, trace.candidates, trace.balance_problem)
     tied = sorted({label for own in ties for label in own})

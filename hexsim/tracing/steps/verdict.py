@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
+from hexsim.tracing.fitting.parameters import Candidate
+from hexsim.tracing.fitting.rest_evidence import values_in_leg
+from hexsim.tracing.fitting.rest_priors import effects_of
 from hexsim.tracing.fitting.selection import residual_at_noise_level, scale_of
 from hexsim.tracing.held_out import refused
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.state import Step, Tell, Trace, Verdict
-
-POLISHES = 3
-
-
-def polished(fit: Fit, problem: SimulatedProblem) -> Fit:
-    """The last refit, with differences a tenth as wide: near a resonance the answer is nonlinear within the usual ones."""
-    for _ in range(POLISHES):
-        finer = refine(start_fit_at(fit, problem), problem, fresh=True, share=0.1)
-        gain, fit = fit.chi2 - finer.chi2, finer
-        if gain < rules.ALARM_CHI2:
-            break
-    return fit
+from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, Verdict
 
 
 def refit_without_effects(fit: Fit, base: Fit, problem: SimulatedProblem) -> Fit:
@@ -40,9 +33,35 @@ def refit_without_effects(fit: Fit, base: Fit, problem: SimulatedProblem) -> Fit
 
 def held_out_gains(fit: Fit, base: Fit, problem: SimulatedProblem) -> list[float]:
     """Fall of chi2 by the effects in each held-out run."""
-    before = problem.misfit([base.fitted_machine()])
-    after = problem.misfit([fit.fitted_machine()])
-    return [float(np.sum(b[0] ** 2) - np.sum(a[0] ** 2)) for a, b in zip(after, before, strict=True)]
+    after = held_out_chi2(fit, problem)
+    return [b - a for a, b in zip(after, held_out_chi2(base, problem), strict=True)]
+
+
+def held_out_chi2(fit: Fit, problem: SimulatedProblem) -> list[float]:
+    """chi2 of each held-out run."""
+    return [float(np.sum(m[0] ** 2)) for m in problem.misfit([fit.fitted_machine()])]
+
+
+def named_effect(
+    trace: Trace, final: Fit, candidate: Candidate, tied: tuple[str, ...], gains: Sequence[float], share: float = math.nan,
+    unseen: float | None = None,
+) -> NamedEffect:  # fmt: skip
+    """An effect of a hypothesis with its evidence. share, unseen: of the rest that it takes in the fit and the held-out runs;
+    without, the hypothesis' share of the held-out chi2."""
+    gain, before = trace.base.chi2 - final.chi2, sum(held_out_chi2(trace.base, trace.validate_problem))
+    count = sum(len(own.free()) for own in effects_of(final))
+    return NamedEffect(
+        candidate=candidate,
+        values=values_in_leg(final, candidate),
+        standard_errors=final.standard_errors()[final.candidates.index(candidate)],
+        tied_with=tied,
+        gain_cv=sum(gains) / before if unseen is None else unseen,
+        blocks=round(trace.validate_problem.duration_s / rules.PARTLY_BLOCK_S),
+        d_bic=float(-gain + count * np.log(final.n)),
+        held_out=tuple(gains),
+        single_leg=final.machine.n_legs == 1,
+        share=share,
+    )
 
 
 def judged(base: Fit, final: Fit, problem: SimulatedProblem, held_out: SimulatedProblem) -> tuple[Verdict, Fit]:
@@ -62,13 +81,10 @@ def judged(base: Fit, final: Fit, problem: SimulatedProblem, held_out: Simulated
 
 
 def judge(trace: Trace, tell: Tell) -> Trace:
-    """A last refit with finer differences, the declared machine refitted beside it, then the verdict."""
+    """The declared machine refitted beside the hypothesis, then the verdict."""
     problem, final = trace.fit_problem, trace.final
     if trace.verdict == "partly":
         return replace(trace, decided="partly: what is left beside the sure effects is more than noise")
-    if final.candidates and residual_at_noise_level(final.misfit):
-        tell("last refit")
-        final = polished(final, problem)
     base = refit_without_effects(final, trace.base, problem)
     verdict, named = judged(base, final, problem, trace.validate_problem)
     if verdict == "explained" and (no := refused(final, base, trace.validate_problem)) is not None:
