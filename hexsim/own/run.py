@@ -121,7 +121,7 @@ def sections(report: Mapping[str, Any], pictures: Sequence[bytes]) -> list[Secti
         for name, n in report["numbers"].items()
     ]  # fmt: skip
     of_runs = table(["run", Column("", "text"), Column("output", "text"), "rms of the residual"], runs)
-    heads = ["number", "value", "± one standard error", "declared", Column("", "text")]
+    heads = ["number", "value", "± one standard error", "declared", Column("", "wide")]
     return [
         Section("Runs", [of_runs, *(picture(png_bytes, CAPTION) for png_bytes in pictures)]),
         Section("Numbers", [table(heads, numbers)]),
