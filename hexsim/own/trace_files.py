@@ -74,7 +74,7 @@ def content(loaded: OwnFolder, found: OwnTrace) -> tuple[dict[str, Any], dict[st
     }, made  # fmt: skip
 
 
-def write_report(report: dict[str, Any], out: Path, shown: Sequence[bytes] = ()) -> None:
+def write_report(report: dict[str, Any], out: Path, shown: Sequence[Markup] = ()) -> None:
     """report.json and report.html."""
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "report.json", report)

@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from hexsim import __version__
 from hexsim.files.runs_index import PLACE
+from hexsim.recording.uplot import scripts
 
 MOST_ROWS = 30  # of a table, about a screen's height; what is beyond folds away
 FLAT_COLUMNS = 5  # of a table that stays one on a phone; with more, each row becomes a list there
@@ -65,9 +66,11 @@ class Report:
     def html(self) -> str:
         """The page, complete in itself."""
         sections = [section for section in self.sections if any(section.parts)]
+        zooms = any('<figure class="zoom">' in part for section in sections for part in section.parts)
         return _template().render(
             page=self,
             sections=sections,
+            zoom=scripts() if zooms else None,
             place=Markup(PLACE),
             version=__version__,
             written=f"{datetime.now():%Y-%m-%d %H:%M}",

@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, styled
 from hexsim.recording.page import EMPTY, Column, Report, Row, Section, folded, note, picture, remark, table, verdict
 from hexsim.recording.quantity import plain, quantity
+from hexsim.recording.zoom import Curve, Panel, zoomable
 from hexsim.tracing.own.analysis import OwnTrace
 from hexsim.tracing.own.folder import OwnMachine
 
@@ -56,7 +59,7 @@ def balance_section(trace: OwnTrace, b: Mapping[str, Any]) -> Section:
         picture(png(budget(trace)), BUDGET),
         table(heads, budgets), remark("rms of the residual."),
         table(["number", "value", "± over runs", "declared", "place"], coefficients),
-        picture(png(rest_in_time(trace)), TIME), picture(png(rest_over(trace)), OVER),
+        time_figure(trace), picture(png(rest_over(trace)), OVER),
         *map(note, b["extremes"]),
         folded("What these runs would have shown", [table(["candidate", "smallest size seen"], seen)]) if seen else EMPTY,
         *(note(f"Candidate left out: {text}.") for text in b["refused"]),
@@ -72,6 +75,7 @@ TIME = (
     "When is it off? "
     "The balance in time, on one run: what must be explained, and what is left. Pale bands are pulses found in the residual."
 )
+SEEN = "What must be explained, and what is left, on one run. Shaded: pulses found in the residual."
 OVER = (
     "On which signal does the residual depend? "
     "What is left over the signal that it depends on most; the line is the mean of narrow bins."
@@ -103,13 +107,34 @@ def budget(trace: OwnTrace) -> Figure:
     return figure
 
 
+def shown_run(trace: OwnTrace) -> tuple[str, float]:
+    """The run that is drawn over time, with events if one has some, and the time from which [s]."""
+    name = next((run for run, found in trace.events.items() if found), next(iter(trace.rests)))
+    found = trace.events[name]
+    return name, max(found[0].start_s - 2.0, 0.0) if found else 0.0
+
+
+def time_figure(trace: OwnTrace) -> Markup:
+    """Target and residuals over a whole run, to be looked at closely, with their picture."""
+    name, first = shown_run(trace)
+    time, target, before, after = trace.rests[name]
+    title, unit = f"{trace.balance.name} balance on {name}", trace.balance.unit
+    upper = [Curve("target", target, palette.REFERENCE, 2.0), Curve("terms", target - after, palette.RESPONSE)]
+    lower = [
+        Curve("residual, refitted", before, palette.RAW),
+        Curve("residual, with the terms", after, palette.RESPONSE),
+    ]
+    spans = [(event.start_s, event.stop_s) for event in trace.events[name]]
+    panels = [Panel(f"{title} [{unit}]", time, upper), Panel(f"residual [{unit}]", time, lower, spans=spans)]
+    return zoomable(panels, png(rest_in_time(trace)), TIME, SEEN, (first, first + SHOWN_S))
+
+
 @styled
 def rest_in_time(trace: OwnTrace) -> Figure:
     """Target and rest of one run: the one with events, else the first."""
-    name = next((run for run, found in trace.events.items() if found), next(iter(trace.rests)))
+    name, first = shown_run(trace)
     time, target, before, after = trace.rests[name]
     found = trace.events[name]
-    first = max(found[0].start_s - 2.0, 0.0) if found else 0.0
     rows = (time >= first) & (time < first + SHOWN_S)
     thin = slice(None, None, max(int(rows.sum()) // MOST_POINTS, 1))
     figure, (upper, lower) = new_figure(2, f"{trace.balance.name} balance on {name}", height=5.0)
