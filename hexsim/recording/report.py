@@ -38,6 +38,7 @@ from hexsim.recording.run_curves import comparison_panels, first_seen, run_panel
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit, axis_unit_text
 from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, comparison_rows, facts, number
 from hexsim.recording.zoom import zoomable
+from hexsim.smoothness.threshold import SOURCE, times_threshold
 
 if TYPE_CHECKING:
     from hexsim.simulation import Run
@@ -147,6 +148,9 @@ def run_sentence(summary: Mapping[str, Any], driven: tuple[str, ...]) -> str:
     description = f"The acceleration {where} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
     if harmonic:
         description += f" from its fundamental, {number(peak / harmonic, 2)} times that harmonic's amplitude"
+    times = times_threshold(axis, peak)
+    if times is not None:
+        description += f"{' and' if harmonic else ','} {number(times, 2)} times the threshold of perception"
     rest: dict[str, float] = {}
     for other, figures in summary["axes"].items():
         own = axis_unit(other)
@@ -199,8 +203,8 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes], si
     start = number(scenario.figures_start_s)
     meaning = (
         f"Peak: largest deviation from the {'fundamental' if scenario.frequency_Hz else 'command'} from {start} s on, in the {band} Hz "
-        "band and raw; the lowest is shaded. Bump p-p: largest peak to peak about a reversal. Tracking: largest rms of a leg "
-        "behind its setpoint."
+        f"band and raw; the lowest is shaded. × perception: peak over its threshold ({SOURCE}). Bump p-p: largest peak to peak about a "
+        "reversal. Tracking: largest rms of a leg behind its setpoint."
     )
     people = [
         (axis_label(axis), bold(name), *felt_cells(axes[axis]))
@@ -250,6 +254,7 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes], si
 def _comparison_table(rows: Sequence[Mapping[str, Any]], band: str) -> Markup:
     """One axis, a row a compensator, the lowest peak shaded."""
     peaks = [row["peak_band"] for row in rows if row["peak_band"] is not None and not row["note"]]
+    felt = ["× perception"] if any(row["times_threshold"] is not None for row in rows) else []
     best, largest = min(peaks, default=None), max(peaks, default=None)
     made = []
     for row in rows:
@@ -257,11 +262,12 @@ def _comparison_table(rows: Sequence[Mapping[str, Any]], band: str) -> Markup:
         name = join([bold(row["name"]), small(row["note"])], " ") if row["note"] else bold(row["name"])
         cells = (
             name, bold(number(row["peak_band"])), bar(row["peak_band"] / largest if counts and largest else None), share(row["ratio"]),
+            *([number(row["times_threshold"], 2)] if felt else []),
             *(number(row[key]) for key in ("peak_raw", "bump_pp", "noise_rms", "fundamental", "tracking_mm")),
         )  # fmt: skip
         made.append(Row(cells, "best" if counts and row["peak_band"] == best else ""))
-    heads = ["compensator", f"peak {band} Hz", Column("", "text"), f"relative to {rows[0]['name']}", "peak raw", "bump p-p", "noise rms",
-             "fundamental", "tracking [mm]"]  # fmt: skip
+    heads = ["compensator", f"peak {band} Hz", Column("", "text"), f"relative to {rows[0]['name']}", *felt, "peak raw", "bump p-p",
+             "noise rms", "fundamental", "tracking [mm]"]  # fmt: skip
     return table(heads, made, made)
 
 
@@ -273,6 +279,6 @@ BESIDE = (
 SEEN_BESIDE = "The last periods. Below: tracking error and valve of a leg."
 FELT = (
     "Delay: of the acceleration behind the command, which the following leave out. Felt: share of time, and of reversals, with a "
-    "deviation above the threshold of perception (acceleration, Benson 1986; rotations by their rate, Benson 1989). Weighted rms: "
+    f"deviation above the threshold of perception (acceleration, {SOURCE}; rotations by their rate, Benson 1989). Weighted rms: "
     "ISO 2631-1, of the whole acceleration and of the deviation."
 )
