@@ -130,13 +130,22 @@ def sections(report: Mapping[str, Any], pictures: Sequence[Markup]) -> list[Sect
         for run, of in report["runs"].items()
         for output, rms in of["rms"].items()
     ]
+    every = report["numbers"].values()
+    declared, bound = any(n["declared"] is not None for n in every), any(n["at_bound"] for n in every)
     numbers = [
         (name, quantity(n["value"], n["unit"], 5), quantity(n["standard_error"], n["unit"], 2),
-         quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else "", "at its bound" if n["at_bound"] else "")
+         *([quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else ""] if declared else []),
+         *(["at its bound" if n["at_bound"] else ""] if bound else []))
         for name, n in report["numbers"].items()
     ]  # fmt: skip
     of_runs = table(["run", Column("", "text"), Column("output", "text"), "rms of the residual"], runs)
-    heads = ["number", "value", "± one standard error", "declared", Column("", "wide")]
+    heads = [
+        "number",
+        "value",
+        "± one standard error",
+        *(["declared"] if declared else []),
+        *([Column("", "wide")] if bound else []),
+    ]
     return [
         Section("Runs", [of_runs, *pictures]),
         Section("Numbers", [table(heads, numbers)]),

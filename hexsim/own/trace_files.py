@@ -20,7 +20,7 @@ from hexsim.own.run import ABOUT, pictures, report_of, sections, simulated
 from hexsim.own.state_file import StateFile
 from hexsim.own.stated import WORDS, at_most, counts, kind_of, stated
 from hexsim.own.trace import OwnTrace, trace_own
-from hexsim.recording.page import Column, Report, Row, Section, remark, small, table, verdict
+from hexsim.recording.page import Column, Report, Row, Section, code, join, remark, small, table, verdict
 
 EFFECT = "effect.toml"
 Progress = Callable[[str, float], None]
@@ -78,12 +78,18 @@ def write_report(report: dict[str, Any], out: Path, shown: Sequence[Markup] = ()
     """report.json and report.html."""
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "report.json", report)
-    title, said = f"Trace of {report['machine']}", report["verdict"]
-    first, *more = said.split("; ")
+    first, *more = report["verdict"].split("; ")
     tag, _, names = first.partition(": ")
-    answer = verdict(tag, [plainly(names or first)], map(plainly, more), good=bool(report["named"]))
+    ended = "incomplete" in report
+    names = names[:1].upper() + names[1:] if ended else names
+    lines = [*map(plainly, more), *([GO_ON] if ended else [])]
+    answer = verdict(tag, [plainly(names or first)], lines, good=bool(report["named"]) and not ended)
+    title = f"Trace of {report['machine']}{', incomplete' if ended else ''}"
     page = Report(title, [candidates(report), *sections(report, shown)], about=ABOUT, top=[answer])
     (out / "report.html").write_text(page.html(), encoding="utf-8")
+
+
+GO_ON = join(["Nothing on this page is final. ", code("hexsim trace --resume"), " with this folder goes on there."])
 
 
 def plainly(said: str) -> Markup:

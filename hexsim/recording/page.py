@@ -7,6 +7,7 @@ already `Markup` stays.
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,7 +15,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from hexsim import __version__
 from hexsim.files.runs_index import PLACE
@@ -99,7 +100,9 @@ def small(content: Any) -> Markup:
 
 
 def code(content: Any) -> Markup:
-    return Markup("<code>{}</code>").format(content)
+    """A command or a name; its options are not broken at their dashes."""
+    text = re.sub(r"--[\w-]+", r'<span class="option">\g<0></span>', str(escape(content)))
+    return Markup("<code>{}</code>").format(Markup(text))
 
 
 def link(name: str, path: str) -> Markup:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +12,22 @@ from matplotlib.figure import Figure
 
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, styled
-from hexsim.recording.page import EMPTY, Column, Report, Row, Section, folded, note, picture, remark, table, verdict
+from hexsim.recording.page import (
+    EMPTY,
+    Column,
+    Report,
+    Row,
+    Section,
+    code,
+    folded,
+    join,
+    lead,
+    note,
+    picture,
+    remark,
+    table,
+    verdict,
+)
 from hexsim.recording.quantity import plain, quantity
 from hexsim.recording.zoom import Curve, Panel, zoomable
 from hexsim.tracing.own.analysis import OwnTrace
@@ -20,6 +36,8 @@ from hexsim.tracing.own.folder import OwnMachine
 SHOWN_S = 30.0  # of a run
 MOST_POINTS = 4000
 WIDE = 30.0  # largest by smallest bar beyond which the axis is logarithmic
+NOTHING_MISSING = "nothing missing"
+VERDICTS = ("explained in part", "unexplained", NOTHING_MISSING)  # how a balance's verdict begins
 STEPS = (("declared", "as declared"), ("refit", "refitted"), ("with_terms", "with the terms"))
 SHADES = {"declared": "0.75", "refit": "0.5", "with_terms": "#1f5fa8"}
 
@@ -31,39 +49,75 @@ def own_page(machine: OwnMachine, traces: Sequence[OwnTrace], report: Mapping[st
     logs = Section("Logs", [table(["run", Column("what was read, repaired and moved", "wide")], findings)])
     runs = ", ".join(point.log.name for point in machine.fit)
     about = f"Balances of this machine's own, each number chosen without the run that it is scored on · runs: {runs}"
-    return Report(f"Trace of {machine.name}", [*balances, logs], about=about).html()
+    answers = (
+        f"{b['name'].capitalize()} balance: {b['verdict'].partition(':')[0].partition(';')[0]}."
+        for b in report["balances"]
+    )
+    return Report(f"Trace of {machine.name}", [*balances, logs], about=about, top=[*map(lead, answers)]).html()
+
+
+def incomplete_page(report: Mapping[str, Any], why: str) -> str:
+    """The page of a trace that ended early: the verdicts of the balances that it came to, without figures."""
+    rows = [(name.capitalize(), said.replace(" -> ", " → ")) for name, said in report["verdict"].items()]
+    go_on = join(
+        [
+            "Balances that are not below were not traced. ",
+            code("hexsim trace --resume"),
+            " with this folder goes on there.",
+        ]
+    )
+    return Report(
+        f"Trace of {report['machine']}, incomplete",
+        [Section("Balances so far", [table(["balance", Column("verdict", "wide")], rows)])],
+        about="Balances of this machine's own",
+        top=[verdict("incomplete", [f"This trace did not come to its end: {why}"], [go_on], good=False)],
+    ).html()
 
 
 def balance_section(trace: OwnTrace, b: Mapping[str, Any]) -> Section:
     """Verdict, budget and coefficients of one balance with its figures."""
     said, unit = b["verdict"], b["unit"]
-    good = said.startswith(("explained", "nothing")) and "in part" not in said
-    tag = said.split(":")[0].split(";")[0][:60]
+    tag = next((one for one in VERDICTS if said.startswith(one)), "")
+    first, *rest = re.sub(r"^( by |[:;] )", "", said.removeprefix(tag)).replace(" -> ", " → ").split("; ")
     more = [*b["remarks"], *(f"run {run}: {text}" for run, text in b["pulses"].items()), f"Next: {b['next']}"]
     most = max(row["refit"] for row in b["budget"])
     budgets = [
-        (row["run"], "one of the folds" if row["held_out"] == "fold" else "never seen",
+        (row["run"], "held out in turn" if row["held_out"] == "fold" else "never seen",
          *(quantity(row[key], unit, beside=most) for key, _ in STEPS),
          (" + ".join(row["chosen"]) or "none") if "chosen" in row else "")
         for row in b["budget"]
     ]  # fmt: skip
     heads = ["run", Column("", "text"), *(label for _, label in STEPS), Column("chosen without it", "wide")]
+    declared = any(c["declared"] is not None for c in b["coefficients"].values())
+    numbers = [
+        "number",
+        "value",
+        "± over runs",
+        *(["declared"] if declared else []),
+        *(["place"] if b["places"] else []),
+    ]
     coefficients = [
-        Row((name, quantity(c["value"], c["unit"], 5), quantity(c["standard_error"], c["unit"], 2), quantity(c["declared"], c["unit"], 5),
-             plain(b["places"][name]["place"], 5) if name in b["places"] else ""), "best" if name in b["named"] else "")
+        Row((name, quantity(c["value"], c["unit"], 5), quantity(c["standard_error"], c["unit"], 2),
+             *([quantity(c["declared"], c["unit"], 5)] if declared else []),
+             *([plain(b["places"][name]["place"], 5) if name in b["places"] else ""] if b["places"] else [])),
+            "best" if name in b["named"] else "")
         for name, c in b["coefficients"].items()
     ]  # fmt: skip
     seen = [(name, quantity(d["theta_min"], d["unit"])) for name, d in b["detectable"].items()]
     return Section(f"{b['name'].capitalize()} balance", [
-        verdict(tag, [said.replace(" -> ", " → ")], more, good=good),
+        verdict(tag, [capital(first)], [*map(capital, rest), *more], good=tag == NOTHING_MISSING),
         picture(png(budget(trace)), BUDGET),
         table(heads, budgets), remark("rms of the residual."),
-        table(["number", "value", "± over runs", "declared", "place"], coefficients),
-        time_figure(trace), picture(png(rest_over(trace)), OVER),
+        table(numbers, coefficients),
+        time_figure(trace), picture(png(rest_over(trace)), OVER if b["depends_on"]["signal"] != "none" else OVER_TIME),
         *map(note, b["extremes"]),
         folded("What these runs would have shown", [table(["candidate", "smallest size seen"], seen)]) if seen else EMPTY,
         *(note(f"Candidate left out: {text}.") for text in b["refused"]),
     ])  # fmt: skip
+
+
+def capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 BUDGET = (
@@ -75,6 +129,7 @@ TIME = (
     "When is it off? "
     "The balance in time, on one run: what must be explained, and what is left. Pale bands are pulses found in the residual."
 )
+OVER_TIME = "On which signal does the residual depend? On no single one; here it is over time, the line is the mean of narrow bins."
 SEEN = "What must be explained, and what is left, on one run. Shaded: pulses found in the residual."
 OVER = (
     "On which signal does the residual depend? "
