@@ -29,7 +29,6 @@ from hexsim.signals.table import places
 from hexsim.simulation import Run
 
 FRAME_RATE_Hz = 50.0
-WARNING = 3  # level in foxglove.Log
 POSE = (*(f"platform_{axis}_m" for axis in "xyz"), *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")))
 
 
@@ -132,9 +131,10 @@ def _frames(log: pl.DataFrame) -> Iterator[tuple[int, bytes]]:
 
 
 def _messages(said: Sequence[Message]) -> Iterator[tuple[int, bytes]]:
+    """Level 3 is a warning in foxglove.Log."""
     for (stamp,), leg, text in ((_stamps([time_s]), leg, text) for time_s, leg, text in said):
         message = {
-            "timestamp": _stamp(stamp), "level": WARNING, "message": text, "name": f"leg {leg}", "file": "", "line": 0,
+            "timestamp": _stamp(stamp), "level": 3, "message": text, "name": f"leg {leg}", "file": "", "line": 0,
         }  # fmt: skip
         yield stamp, json.dumps(message).encode()
 

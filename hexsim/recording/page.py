@@ -22,7 +22,6 @@ from hexsim.files.runs_index import PLACE
 from hexsim.recording.uplot import scripts
 
 MOST_ROWS = 30  # of a table, about a screen's height; what is beyond folds away
-FLAT_COLUMNS = 5  # of a table that stays one on a phone; with more, each row becomes a list there
 EMPTY = Markup("")
 
 
@@ -157,7 +156,8 @@ def table(
 
 
 def _table(heads: Sequence[Column], rows: Iterable[Sequence[Any] | Row]) -> Markup:
-    stacks = len(heads) > FLAT_COLUMNS or any(one.kind == "wide" for one in heads)
+    # on a phone more than five columns, or text that wraps, become a list a row
+    stacks = len(heads) > 5 or any(one.kind == "wide" for one in heads)
     top = join(Markup("<th{}>{}</th>").format(_class("text" if one.kind else ""), one.head) for one in heads)
     return Markup("<table{}><thead><tr>{}</tr></thead>\n<tbody>{}</tbody></table>").format(
         _class("stack" if stacks else ""), top, join(_row(heads, row, stacks) for row in rows)

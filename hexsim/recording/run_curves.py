@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hexsim.recording import palette
 from hexsim.recording.deviation import Deviation
 from hexsim.recording.figure_parts import close_up, tracking_error
-from hexsim.recording.figures import DEG, MM
+from hexsim.recording.quantity import DEG, MM
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
 from hexsim.recording.summary_table import number
 from hexsim.recording.zoom import Curve, Panel

@@ -19,9 +19,7 @@ from hexsim.recording.page import picture, question
 
 Array = NDArray[np.float64]
 MOST_VALUES = 50_000  # of a figure: 0.13 MB of a page
-MISSING = -32768  # the 16-bit number that says that there is no value
-LARGEST = 32767  # of the numbers that say one: 1.5e-5 of a curve's range each
-UNEVEN = 0.2  # of a step: beyond it instants are given one by one
+INT16 = np.iinfo(np.int16)  # the smallest says that there is no value, the others cover a curve's range
 HOW = "Drag across a plot to look closer; a double click shows all again. A click on a name hides its curve."
 
 
@@ -76,7 +74,9 @@ def _of_panel(panel: Panel, most: int) -> dict[str, Any]:
         for curve, row in zip(panel.curves, rows, strict=True)
     ]
     where = {"title": panel.title, "start": float(time[0]), "step": float(time[-1] - time[0]) / (len(time) - 1)}
-    if np.max(np.abs(time - time[0] - where["step"] * np.arange(len(time)))) > UNEVEN * where["step"]:
+    if (
+        np.max(np.abs(time - time[0] - where["step"] * np.arange(len(time)))) > 0.2 * where["step"]
+    ):  # instants one by one
         where["time"] = _text((time - time[0]).astype("<f4"))
     return {**where, "series": curves, "marks": list(panel.marks), "band": panel.band, "spans": list(panel.spans)}
 
@@ -106,8 +106,8 @@ def _packed(row: Array) -> dict[str, Any]:
     """16-bit numbers over the curve's range; what is not finite is missing."""
     finite = np.isfinite(row)
     low, high = (float(edge(row[finite])) if finite.any() else 0.0 for edge in (np.min, np.max))
-    middle, step = (low + high) / 2, (high - low) / (2 * LARGEST) or 1.0
-    numbers = np.full(len(row), MISSING, dtype="<i2")
+    middle, step = (low + high) / 2, (high - low) / (2 * INT16.max) or 1.0
+    numbers = np.full(len(row), INT16.min, dtype="<i2")
     numbers[finite] = np.rint((row[finite] - middle) / step)
     return {"data": _text(numbers), "middle": middle, "step": step}
 
