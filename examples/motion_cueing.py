@@ -31,10 +31,10 @@ from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, styled
 from hexsim.simulation.hosted import Host
 from hexsim.smoothness import band_limit, response_delay_s
+from hexsim.smoothness.threshold import PERCEPTION_m_s2
 from hexsim.studies.tune_start import FILE, teach
 
 RATE_Hz = 500.0
-FELT_m_s2 = 0.05  # bumps below are not felt
 WASHOUT = Washout()
 
 
@@ -132,7 +132,7 @@ def picture(time, felt, table, what):
     )
     plots[3].set_ylabel("[m/s²]")
     for side in (-1.0, 1.0):
-        plots[3].axhline(side * FELT_m_s2, color=palette.REFERENCE, lw=1.0, ls=":")
+        plots[3].axhline(side * min(PERCEPTION_m_s2.values()), color=palette.REFERENCE, lw=1.0, ls=":")
     legend(plots[3], columns=3)
     plots[0].set_title(plots[0].get_title(), pad=22)
     legend(plots[0], columns=3)

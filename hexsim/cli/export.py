@@ -10,14 +10,15 @@ import typer
 from hexsim.cli import options
 from hexsim.cli.console import output, print_json
 from hexsim.cli.schema import schema
+from hexsim.errors import HexsimError
 
 
 def register(app: typer.Typer) -> None:
     group = typer.Typer(
-        help="For other tools: FMU (Simulink, Amesim, dSPACE), MuJoCo plugin, compensator in C, JSON schema.",
+        help="For other tools: FMU (Simulink, Amesim, dSPACE), MuJoCo plugin, compensator in C, MCAP (Foxglove, ROS), JSON schema.",
         no_args_is_help=True,
     )
-    for command in (fmu, plugin, compensator, schema):
+    for command in (fmu, plugin, compensator, mcap, schema):
         group.command()(command)
     app.add_typer(group, name="export")
 
@@ -130,9 +131,32 @@ def compensator(
             output().print(f"{path}, {path.stat().st_size / 1e3:.0f} kB")
 
 
+def mcap(
+    log: Annotated[Path, typer.Argument(help="Folder of a run, or a log (.parquet, .csv, .csv.gz).")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write; default: run.mcap in the folder, LOG.mcap.")
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """A log for Foxglove, PlotJuggler and ROS tools: topics of JSON messages with schemas. Needs `pip install hexsim[ros]`."""
+    from hexsim.files.log_files import find_log, read_log
+    from hexsim.recording.mcap import check_library, config_beside, write_log_as_mcap
+
+    check_library()
+    path = find_log(log) if log.is_dir() else log
+    table = read_log(path)
+    out = out or path.with_name("run.mcap" if log.is_dir() else f"{path.name.split('.')[0]}.mcap")
+    if out.suffix != ".mcap":
+        raise HexsimError(f"{out}: the name of an MCAP file ends in .mcap")
+    write_log_as_mcap(table, out, config_beside(path))
+    if json:
+        print_json({"mcap": str(out), "rows": table.height, "bytes": out.stat().st_size})
+    else:
+        output().print(f"{out}, {out.stat().st_size / 1e6:.1f} MB, {table.height} rows of {table.width - 1} signals")
+
+
 def _windows_library(given: Path | None) -> tuple[bytes | None, str]:
     """MuJoCo for Windows, or why there is none. A file that is given must be one."""
-    from hexsim.errors import HexsimError
     from hexsim.export.mujoco_library import windows_library
 
     try:

@@ -14,8 +14,6 @@ from hexsim.errors import HexsimError
 if TYPE_CHECKING:
     from hexsim.readers.propose import Guess, Proposal
 
-POINTS = 4000  # of a signal that are drawn
-
 
 def register(app: typer.Typer) -> None:
     app.command("map")(propose_mapping)
@@ -85,7 +83,7 @@ def drawn(proposal: Proposal) -> bytes:
         for plot, guesses in zip(plots, kinds.values(), strict=True):
             signal = places()[guesses[0].column][0]
             for guess in guesses:
-                step = max(len(guess.values) // POINTS, 1)
+                step = max(len(guess.values) // 4000, 1)  # about as many points as a figure shows
                 plot.plot(
                     range(0, len(guess.values), step),
                     guess.values[::step],

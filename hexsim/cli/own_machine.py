@@ -81,8 +81,10 @@ def traced(state: StateFile, out: Path) -> tuple[dict[str, Any], Path]:
 
 def ended_early(known: dict[str, Any], state: StateFile, place: RunFolder, why: str) -> str:
     """Keep what is known; what there is to say."""
+    from hexsim.files.atomic import write_text
     from hexsim.files.json_files import write_json
     from hexsim.own.trace_files import write_incomplete
+    from hexsim.tracing.own.page import incomplete_page
 
     state.settle()
     if not known:
@@ -96,6 +98,7 @@ def ended_early(known: dict[str, Any], state: StateFile, place: RunFolder, why: 
         write_incomplete(known, place.path, why)
     else:
         write_json(place.path / "report.json", known | {"incomplete": {"why": why}})
+        write_text(place.path / "report.html", incomplete_page(known, why))
     final = place.finish()
     return f"what is known is in {final}; hexsim trace --resume {final} goes on there"
 

@@ -21,7 +21,7 @@ from hexsim.recording.signals import Signals
 from hexsim.scenarios import load_scenario
 from hexsim.signals.table import measured_columns
 from hexsim.simulation import Run, simulate
-from hexsim.smoothness.summary import PERCEPTION_m_s2
+from hexsim.smoothness.threshold import times_threshold
 from hexsim.studies.compare import compare, write_comparison
 from hexsim.tracing.report.budget import waterfall
 from hexsim.tracing.report.tables import effect_rows
@@ -92,7 +92,7 @@ def bump(plain: Run, folder: Path) -> Act:
         title="The bump",
         sentence=f"A 600 kg platform heaves by 50 mm at 0.5 Hz; each time it turns round, dead band and friction of its "
         f"cylinders add a bump of {peak:.2f} m/s², {peak / harmonic:.1f} times the motion itself and "
-        f"{peak / PERCEPTION_m_s2['z']:.0f} times what people just feel.",
+        f"{times_threshold('z', peak):.0f} times what people just feel.",
         look="The middle panel: between the reversals the deviation is nearly nothing, at each reversal it jumps and rings.",
         picture=png(run_figures(Signals.of_run(plain))["acceleration"]),
         command=f"hexsim run {MOTION} --fast --out 1_bump",

@@ -17,11 +17,11 @@ from hexsim.recording.figure_style import WIDTH_IN, legend, plain_powers, styled
 from hexsim.recording.quantity import plain
 from hexsim.signals.channels import kind_of
 from hexsim.signals.table import places
+from hexsim.smoothness.threshold import PERCEPTION_m_s2
 from hexsim.tracing.report.budget import STEP_COLOURS, worst_of_kinds
 from hexsim.tracing.report.signals import SCALE
 
 FLOOR = 0.5  # of the error axis, in multiples of the noise
-FELT_m_s2 = 0.05  # a bump of this size is no longer felt: docs/compensation.md
 QUANTITIES = {  # of a leg: its unit for people, and how many of it are one of SI
     "excursion": ("mm", 1e3), "velocity": ("mm/s", 1e3), "acceleration": ("m/s²", 1.0), "jerk": ("m/s³", 1.0),
 }  # fmt: skip
@@ -80,8 +80,8 @@ def draw_bump(plot: Axes, bump: Bump) -> None:
         (bump.compensated, bump.after, "compensated, started from what was found", palette.RESPONSE),
     ):
         plot.plot(own.time_s - own.time_s[0], own.band, color=colour, lw=1.3, label=f"{label}: {worst:.3f} m/s²")
-    plot.axhspan(-FELT_m_s2, FELT_m_s2, color=palette.GRID, lw=0, zorder=0)
-    plot.annotate("not felt", (1.0, 0.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+    plot.axhspan(-PERCEPTION_m_s2["z"], PERCEPTION_m_s2["z"], color=palette.GRID, lw=0, zorder=0)
+    plot.annotate("below\nperception", (1.0, 0.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
                   va="center", fontsize=8)  # fmt: skip
     plot.set_xlabel("time of the heave, 0.5 Hz [s]")
     plot.set_ylabel("acceleration beside\nthe sine, 50 Hz [m/s²]")

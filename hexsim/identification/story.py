@@ -32,6 +32,7 @@ from hexsim.recording.page import (
 )
 from hexsim.recording.rerun_recording import write_recording
 from hexsim.recording.signals import Signals
+from hexsim.smoothness.threshold import SOURCE, PERCEPTION_m_s2
 from hexsim.tracing.report.readings import names_of, numbers_of, one_term, term_sentence, total_sentence
 from hexsim.tracing.report.recording import write_trace_recordings
 from hexsim.tracing.report.tables import checks_of, known_and_checks
@@ -42,7 +43,8 @@ BUDGET = (
     "Each bar is a step of the last trace."
 )
 BUMP = (
-    " Below: acceleration of the machine less its mean and fundamental, in 50 Hz, with its sensor's noise. The figures "
+    " Below: acceleration of the machine less its mean and fundamental, in 50 Hz, with its sensor's noise; shaded: below "
+    f"the threshold of perception in heave ({PERCEPTION_m_s2['z']:g} m/s², {SOURCE}). The figures "
     "are the largest peaks from the second reversal at full size on. The compensator has learned on the identified twin."
 )
 ROUNDS = (
@@ -64,14 +66,14 @@ def write_story(story: Story) -> Path:
     found, n = effects(story), len(story.rounds)
     goal = "a smooth one" if story.bump else "the identified one"
     heads = [
-        "round",
+        "",
         Column("motion", "wide"),
         Column("verdict after it", "text"),
         Column("left open", "wide"),
         Column("trace", "text"),
     ]
     rounds = [
-        (one.number, one.purpose, one.verdict, left, link("report", f"round_{one.number}/report.html"))
+        (f"round {one.number}", one.purpose, one.verdict, left, link("report", f"round_{one.number}/report.html"))
         for one, left in zip(story.rounds, left_open(story), strict=True)
     ]
     page = Report(

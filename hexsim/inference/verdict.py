@@ -100,7 +100,8 @@ def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: st
     if nats - float(gains.max()) <= 0.0:
         return "likely", "the gain comes from one part of the motion only"
     if errors[best][2] < FALL:
-        return "likely", f"the held-out error falls by {100 * fall:.1f} %, which is within its block error"
+        change = f"{'falls' if fall >= 0.0 else 'grows'} by {100 * abs(fall):.1f} %"
+        return "likely", f"the held-out error {change}, which is within its block error"
     if unsure:
         return "likely", unsure
     return "named", f"held-out error falls by {100 * fall:.0f} %"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from hexsim.files.json_files import write_json
@@ -18,9 +19,11 @@ from hexsim.own.declaration import ModelTables
 from hexsim.own.folder import OwnFolder
 from hexsim.own.problem import OwnProblem, fit_own, problem_of
 from hexsim.own.simulate import record_of
+from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, styled
-from hexsim.recording.page import Column, Report, Section, picture, table
+from hexsim.recording.page import Column, Report, Section, table
 from hexsim.recording.quantity import quantity
+from hexsim.recording.zoom import Curve, Panel, zoomable
 from hexsim.signals.log import Log
 
 MOST_POINTS = 4000
@@ -102,28 +105,49 @@ def page(
     ).html()
 
 
-def pictures(declaration: ModelTables, made: Mapping[str, Any]) -> list[bytes]:
-    """PNG of each run's outputs, measured and simulated."""
+def pictures(declaration: ModelTables, made: Mapping[str, Any]) -> list[Markup]:
+    """Figure of each run's outputs, measured and simulated."""
     units = {name: output.unit for name, output in declaration.outputs.items()}
-    return [png(residual(name, output, units[output], free)) for name, (free, rms) in made.items() for output in rms]
+    return [figure_of(name, output, units[output], free) for name, (free, rms) in made.items() for output in rms]
 
 
-def sections(report: Mapping[str, Any], pictures: Sequence[bytes]) -> list[Section]:
+def figure_of(run: str, output: str, unit: str, table: pl.DataFrame) -> Markup:
+    """A run's output over time, to be looked at closely, with its picture."""
+    time, measured, free = (table[name].to_numpy() for name in ("time_s", output, f"simulated_{output}"))
+    upper = [Curve("measured", measured, palette.REFERENCE, 2.0), Curve("simulated", free, palette.RESPONSE)]
+    lower = [Curve("simulated less measured", free - measured, palette.DEVIATION)]
+    panels = [
+        Panel(f"{output} of {run} [{unit or '1'}]", time, upper),
+        Panel(f"difference [{unit or '1'}]", time, lower),
+    ]
+    return zoomable(panels, png(residual(run, output, unit, table)), CAPTION, SEEN)
+
+
+def sections(report: Mapping[str, Any], pictures: Sequence[Markup]) -> list[Section]:
     """Runs with their figures, and numbers: what every page of a simulated machine has."""
     runs = [
         (run, "never seen by the fit" if of["held_out"] else "fitted", output, quantity(rms, of["unit"][output]))
         for run, of in report["runs"].items()
         for output, rms in of["rms"].items()
     ]
+    every = report["numbers"].values()
+    declared, bound = any(n["declared"] is not None for n in every), any(n["at_bound"] for n in every)
     numbers = [
         (name, quantity(n["value"], n["unit"], 5), quantity(n["standard_error"], n["unit"], 2),
-         quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else "", "at its bound" if n["at_bound"] else "")
+         *([quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else ""] if declared else []),
+         *(["at its bound" if n["at_bound"] else ""] if bound else []))
         for name, n in report["numbers"].items()
     ]  # fmt: skip
     of_runs = table(["run", Column("", "text"), Column("output", "text"), "rms of the residual"], runs)
-    heads = ["number", "value", "± one standard error", "declared", Column("", "text")]
+    heads = [
+        "number",
+        "value",
+        "± one standard error",
+        *(["declared"] if declared else []),
+        *([Column("", "wide")] if bound else []),
+    ]
     return [
-        Section("Runs", [of_runs, *(picture(png_bytes, CAPTION) for png_bytes in pictures)]),
+        Section("Runs", [of_runs, *pictures]),
         Section("Numbers", [table(heads, numbers)]),
     ]
 
@@ -133,6 +157,7 @@ CAPTION = (
     "How far is a free run from what was measured? "
     "Above measured and simulated from the inputs and the first samples alone, below simulated less measured."
 )
+SEEN = "Measured, and simulated from the inputs and the first samples alone."
 
 
 @styled

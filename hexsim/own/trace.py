@@ -79,24 +79,31 @@ def traced(folder: OwnFolder, machine: Simulated, found: Found, formula: Formula
 
 def said(found: Found, formula: Formula | None) -> str:
     """The verdict in a sentence."""
-    names = " + ".join(
-        step.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "") for step in found.steps
-    )
     stand_ins = {one.title for one in found.in_model} - {step.title for step in found.steps}
     likely = [
         one.title + (" (in the model, its form is open)" if one.title in stand_ins else "")
         for one in found.refused if one.verdict == "likely"
     ]  # fmt: skip
-    if names:
-        begin = f"named: {names}"
+    if found.steps:
+        begin = f"named: {' + '.join(of_kinds(found.steps))}"
     else:
         begin = "unexplained" if likely or formula else "nothing of the library makes held-out motion more likely"
     parts = [begin]
-    if formula is not None:
-        parts.append(f"no form: {formula.why}" if formula.why else f"formula beyond the library: {formula.best.title}")
-    kinds = [kind_of(step) for step in found.steps] + (["formula"] if formula is not None and formula.proven else [])
-    chances = map(stated, dict.fromkeys(kinds))
-    return "; ".join([*parts, *([f"likely, not proven: {', '.join(likely[:2])}"] if likely else []), *chances])
+    if formula is not None and formula.proven:
+        parts.append(f"formula beyond the library: {formula.best.title} ({stated('formula')})")
+    elif formula is not None:
+        parts.append(f"no form: {formula.why}")
+    return "; ".join([*parts, *([f"likely, not proven: {', '.join(likely[:2])}"] if likely else [])])
+
+
+def of_kinds(steps: Sequence[Judgment]) -> Iterator[str]:
+    """Names alone, then ties, each kind with its stated chance of being wrong."""
+    for kind in dict.fromkeys(map(kind_of, steps)):
+        titles = [
+            step.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "")
+            for step in steps if kind_of(step) == kind
+        ]  # fmt: skip
+        yield f"{' + '.join(titles)} ({stated(kind)})"
 
 
 class Simulated:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
+from markupsafe import Markup, escape
 
 from hexsim.files.json_files import write_json
 from hexsim.inference.formula import Formula
@@ -17,9 +18,9 @@ from hexsim.own.forms import as_effect
 from hexsim.own.model import START, model_of
 from hexsim.own.run import ABOUT, pictures, report_of, sections, simulated
 from hexsim.own.state_file import StateFile
-from hexsim.own.stated import at_most, counts, kind_of
+from hexsim.own.stated import WORDS, at_most, counts, kind_of, stated
 from hexsim.own.trace import OwnTrace, trace_own
-from hexsim.recording.page import Column, Report, Row, Section, remark, table, verdict
+from hexsim.recording.page import Column, Report, Row, Section, code, join, remark, small, table, verdict
 
 EFFECT = "effect.toml"
 Progress = Callable[[str, float], None]
@@ -73,14 +74,31 @@ def content(loaded: OwnFolder, found: OwnTrace) -> tuple[dict[str, Any], dict[st
     }, made  # fmt: skip
 
 
-def write_report(report: dict[str, Any], out: Path, shown: Sequence[bytes] = ()) -> None:
+def write_report(report: dict[str, Any], out: Path, shown: Sequence[Markup] = ()) -> None:
     """report.json and report.html."""
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "report.json", report)
-    title, said = f"Trace of {report['machine']}", report["verdict"]
-    answer = verdict(said.split(":")[0], [said], good=bool(report["candidates"]))
+    first, *more = report["verdict"].split("; ")
+    tag, _, names = first.partition(": ")
+    ended = "incomplete" in report
+    names = names[:1].upper() + names[1:] if ended else names
+    lines = [*map(plainly, more), *([GO_ON] if ended else [])]
+    answer = verdict(tag, [plainly(names or first)], lines, good=bool(report["named"]) and not ended)
+    title = f"Trace of {report['machine']}{', incomplete' if ended else ''}"
     page = Report(title, [candidates(report), *sections(report, shown)], about=ABOUT, top=[answer])
     (out / "report.html").write_text(page.html(), encoding="utf-8")
+
+
+GO_ON = join(["Nothing on this page is final. ", code("hexsim trace --resume"), " with this folder goes on there."])
+
+
+def plainly(said: str) -> Markup:
+    """A part of the verdict, with stated chances in small letters."""
+    made = escape(said)
+    for kind in WORDS:
+        chance = f"({stated(kind)})"
+        made = Markup(made.replace(chance, small(chance)))
+    return made
 
 
 def candidates(report: dict[str, Any]) -> Section:

@@ -14,7 +14,7 @@ import numpy as np
 from hexsim.qualification import measures
 from hexsim.qualification.rig import Motion
 from hexsim.smoothness import half_hertz_noise, harmonic_deviation, parasitic, turn_around_check
-from hexsim.smoothness.summary import PERCEPTION_m_s2
+from hexsim.smoothness.threshold import SOURCE, PERCEPTION_m_s2
 
 ROTATIONS = ("roll", "pitch", "yaw")
 NAMES = {"x": "surge x", "y": "sway y", "z": "heave z"}
@@ -23,7 +23,7 @@ g0 = 9.81
 # where each limit comes from
 PART_60 = "[S] 14 CFR Part 60, app. A: within +-0.05 g"
 APPLICANT = "[S] 14 CFR Part 60: tolerance is the applicant's; reported"
-BENSON = "[S] threshold of perception, Benson 1986 (3 s bell)"
+BENSON = f"[S] threshold of perception, {SOURCE} (3 s bell)"
 COMMON_TURN = "[K] commonly used: +-0.05 g, 150 mm p-p at 0.5 Hz"
 COMMON_BALANCE = "[K] commonly used: 1.5 deg"
 AGARD = "figure after AGARD-AR-144 (formulas [K]); reported"

@@ -6,6 +6,7 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator
+from enum import IntEnum
 from pathlib import Path
 
 from hexsim.errors import HexsimError
@@ -17,16 +18,33 @@ LARGEST_LOG = 1 << 30  # bytes of a whole log, unpacked
 MOST_COLUMNS = 200  # of a matrix
 UNPACKED = 8 * MAX_CELLS  # bytes
 ELEMENTS = 200_000  # arrays of a MAT-file, those in structs and cells too
-MATRIX, COMPRESSED = 14, 15  # kinds of elements of a MAT-file of version 5
 KINDS = {
     *range(1, 8),
     9,
     *range(12, 19),
 }  # that there are: numbers of 1 to 8 bytes, matrix, compressed, UTF-8 to UTF-32
 HDF5 = 2  # in a MAT-file's header: version 7.3
-FLAGS, COMPLEX = 6, 0x800  # kind of an array's first part, and one of its bits
-CELL, STRUCT, OBJECT, SPARSE, OPAQUE = 1, 2, 3, 5, (16, 17)  # classes of arrays
+COMPLEX = 0x800  # a bit of an array's flags
 NESTED = 20  # structs in structs
+
+
+class Element(IntEnum):
+    """Kinds of elements of a MAT-file of version 5; FLAGS: an array's first part."""
+
+    FLAGS = 6
+    MATRIX = 14
+    COMPRESSED = 15
+
+
+class Family(IntEnum):
+    """Classes of its arrays."""
+
+    CELL = 1
+    STRUCT = 2
+    OBJECT = 3
+    SPARSE = 5
+    FUNCTION = 16
+    OPAQUE = 17
 
 
 def too_large(path: Path, what: str) -> HexsimError:
@@ -51,16 +69,18 @@ def check_mat(path: Path) -> None:
         inside, start, end, depth = waiting.pop()
         for kind, at, length in tags(inside, start, end, order):
             elements += 1
-            if kind not in KINDS or (kind == MATRIX and length and not is_whole(inside, at, at + length, order)):
+            if kind not in KINDS or (
+                kind == Element.MATRIX and length and not is_whole(inside, at, at + length, order)
+            ):
                 # scipy looks a kind up beyond the end of its table, and reads on behind an array that lacks a part
                 raise HexsimError(f"cannot read {path} as MAT-file: it is damaged")
-            if kind == COMPRESSED:
+            if kind == Element.COMPRESSED:
                 whole = inflated(inside[at : at + length], UNPACKED - size)
                 size += len(whole)
                 if size > UNPACKED:
                     raise too_large(path, f"{UNPACKED >> 20} MB")
                 waiting.append((whole, 0, len(whole), depth))
-            elif kind == MATRIX and length:
+            elif kind == Element.MATRIX and length:
                 cells += math.prod(dimensions(inside, at, at + length, order))
                 waiting.append((inside, at, at + length, depth + 1))
             if cells > MAX_CELLS or elements > ELEMENTS or depth > NESTED:
@@ -79,28 +99,28 @@ def tags(data: bytes, start: int, end: int, order: str) -> Iterator[tuple[int, i
         if at + 8 + length > end:
             return
         yield first, at + 8, length
-        at += 8 + length + (0 if first == COMPRESSED else -length % 8)
+        at += 8 + length + (0 if first == Element.COMPRESSED else -length % 8)
 
 
 def is_whole(data: bytes, start: int, end: int, order: str) -> bool:
     """Has the array whose content stands there the parts that its class asks for ("MAT-File Format", MathWorks, table 1-3)?"""
     parts = list(tags(data, start, end, order))
-    if [kind for kind, _, _ in parts[:1]] != [FLAGS] or parts[0][2] != 8:
+    if [kind for kind, _, _ in parts[:1]] != [Element.FLAGS] or parts[0][2] != 8:
         return False
     [flags] = struct.unpack_from(f"{order}I", data, parts[0][1])
     family, cells = flags & 0xFF, math.prod(dimensions(data, start, end, order))
-    if family in OPAQUE:
+    if family in (Family.FUNCTION, Family.OPAQUE):
         return True
-    if family in (STRUCT, OBJECT):
-        head = parts[3:] if family == STRUCT else parts[4:]
+    if family in (Family.STRUCT, Family.OBJECT):
+        head = parts[3:] if family == Family.STRUCT else parts[4:]
         if len(head) < 2 or head[0][2] != 4:
             return False
         [width] = struct.unpack_from(f"{order}i", data, head[0][1])
         needed = len(parts) - len(head) + 2 + (head[1][2] // width * cells if width > 0 else 0)
     else:
-        needed = {CELL: 3 + cells, SPARSE: 6}.get(family, 4) + bool(flags & COMPLEX)
-    nested = family in (CELL, STRUCT, OBJECT)
-    return len(parts) >= needed and (nested or all(kind != MATRIX for kind, _, _ in parts))
+        needed = {Family.CELL: 3 + cells, Family.SPARSE: 6}.get(family, 4) + bool(flags & COMPLEX)
+    nested = family in (Family.CELL, Family.STRUCT, Family.OBJECT)
+    return len(parts) >= needed and (nested or all(kind != Element.MATRIX for kind, _, _ in parts))
 
 
 def dimensions(data: bytes, start: int, end: int, order: str) -> list[int]:

@@ -19,7 +19,6 @@ from hexsim.smoothness.perception import felt_figures
 if TYPE_CHECKING:
     from hexsim.simulation import Run
 
-LEGEND_LINE_IN = 0.2
 FELT_HEADS = ("delay ms", "time felt", "reversals felt", "weighted rms", "of it unwanted", "MTVV", "VDV", "jerk rms")
 
 
@@ -47,7 +46,7 @@ def bump_chart(runs: Mapping[str, Signals], axis: str) -> Figure | None:
     columns = min(len(found), 4)
     lines = -(-len(found) // columns)  # of the legend, between title and plot
     title = f"{AXIS_NAMES[axis].capitalize()}: bump of each reversal, 50 Hz band [{axis_unit_text(axis)}]"
-    margins = replace(STACKED, top=STACKED.top + LEGEND_LINE_IN * (lines - 1))
+    margins = replace(STACKED, top=STACKED.top + 0.2 * (lines - 1))
     figure, plots = new_figure(1, title, heights=[3.0], margins=margins)
     for k, (name, bumps) in enumerate(found.items()):
         colour = palette.RUNS[k % len(palette.RUNS)]

@@ -13,17 +13,14 @@ from hexsim.recording.signals import Signals
 from hexsim.recording.summary_table import number
 
 Array = NDArray[np.float64]
-SHOWN_PERIODS = 2  # of the motion, in the plots that look closely
-SHOWN_S = 6.0  # where the motion has no period
 DEAD_BAND_SHOWN_V = 0.15  # half width of the close-up of a flow curve
-ALIKE = 0.03  # rms spread of the legs, over their range, below which they are drawn as one
 
 
 def draw_legs(plots: list[Axes], signals: Signals, curves: dict[int, Array]) -> None:
-    """A curve a leg; legs that move alike as one curve and the range that they cover."""
+    """A curve a leg; legs that move alike (spread below 3 % of their range, rms) as one curve and the range that they cover."""
     t, values = signals.time_s, np.array(list(curves.values()))
     low, high = values.min(axis=0), values.max(axis=0)
-    alike = len(values) > 1 and np.sqrt(np.mean((high - low) ** 2)) < ALIKE * np.ptp(values)
+    alike = len(values) > 1 and np.sqrt(np.mean((high - low) ** 2)) < 0.03 * np.ptp(values)
     for plot in plots:
         if alike:
             plot.fill_between(t, low, high, color=palette.MARK, lw=0.8, label="range of the legs")
@@ -40,9 +37,9 @@ def tracking_error(signals: Signals, leg: int) -> Array | None:
 
 
 def close_up(signals: Signals) -> tuple[float, float]:
-    """The last periods."""
+    """The last two periods, or 6 s of a motion that has none."""
     end = float(signals.time_s[-1])
-    span = SHOWN_PERIODS / signals.frequency_Hz if signals.frequency_Hz else SHOWN_S
+    span = 2.0 / signals.frequency_Hz if signals.frequency_Hz else 6.0
     return max(float(signals.time_s[0]), end - span), end
 
 

@@ -40,15 +40,12 @@ from hexsim.recording.figure_style import (
     symmetric,
 )
 from hexsim.recording.points import points
+from hexsim.recording.quantity import BAR, DEG, L_MIN, MM
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
 from hexsim.recording.summary_table import number
 from hexsim.signals.signal import ROTATIONS
 
 Array = NDArray[np.float64]
-
-MM, BAR, L_MIN, DEG = 1e3, 1e-5, 6e4, 180.0 / np.pi
-SPECTRUM_MAX_Hz = 400.0
-SEGMENT_S = 4.0  # of the spectrum: resolution 0.25 Hz
 
 
 def run_figures(signals: Signals) -> dict[str, Figure]:
@@ -225,11 +222,11 @@ def spectrum(signals: Signals) -> Figure | None:
     rate = (len(signals.time_s) - 1) / np.ptp(signals.time_s)
     late = raw[len(signals.time_s) - len(found.time_s) :]
     for values, color, label in ((late, palette.RAW, "acceleration"), (found.raw, palette.DEVIATION, "deviation")):
-        length = min(len(values), round(SEGMENT_S * rate))
+        length = min(len(values), round(4.0 * rate))  # 4 s: resolution 0.25 Hz
         window = np.hanning(length + 1)[:-1]
         spectrum_of = mlab.psd(values, length, rate, mlab.detrend_mean, window, noverlap=length // 2)
         density, frequency = map(np.asarray, spectrum_of)
-        inside = (frequency > 0) & (frequency <= SPECTRUM_MAX_Hz)
+        inside = (frequency > 0) & (frequency <= 400.0)
         plot.loglog(frequency[inside], np.sqrt(density[inside]), color=color, lw=1.2, label=label)
     plot.axvline(found.bandwidth_Hz, color=palette.REFERENCE, lw=1.0, ls=":", label=f"band {found.bandwidth_Hz:g} Hz")
     plain_frequencies(plot)

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Iterable, Iterator
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,25 +29,48 @@ from hexsim.signals.table import places
 from hexsim.simulation import Run
 
 FRAME_RATE_Hz = 50.0
-WARNING = 3  # level in foxglove.Log
+POSE = (*(f"platform_{axis}_m" for axis in "xyz"), *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")))
+
+
+Message = tuple[float, int, str]  # time [s], leg, text
 
 
 def write_mcap(run: Run, path: Path) -> None:
     """Write `run` to `path`. Raises HexsimError where the library mcap is missing or the file cannot be written."""
+    write_log_as_mcap(run.log, path, config_tables(run), run.messages)
+
+
+def write_log_as_mcap(
+    log: pl.DataFrame, path: Path, config: Mapping[str, Any], messages: Sequence[Message] | None = None
+) -> None:
+    """A log alone. Columns that the table of signals does not know count as measured; without messages there is no topic of them.
+
+    Raises HexsimError likewise, and for a log without rows or without time.
+    """
     check_library()
+    if "time_s" not in log.columns or not log.height or not log["time_s"].is_finite().all():
+        raise HexsimError("the log needs a column time_s with a finite time in every row, and one row at least")
     from mcap.writer import CompressionType, Writer
 
     with written_whole(path) as begun, open(begun, "wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start(profile="", library="hexsim")
-        for topic, schema, messages in _topics(run):
-            fields = {"type": "object", "title": schema, "properties": _properties(schema, run.log)}
+        for topic, schema, content in _topics(log, messages):
+            fields = {"type": "object", "title": schema, "properties": _properties(schema, log)}
             schema_id = writer.register_schema(schema, "jsonschema", json.dumps(fields).encode())
             channel = writer.register_channel(topic, "json", schema_id)
-            for stamp_ns, data in messages:
+            for stamp_ns, data in content:
                 writer.add_message(channel, stamp_ns, data, stamp_ns)
-        writer.add_metadata("config", {"config": json.dumps(config_tables(run), default=str)})
+        writer.add_metadata("config", {"config": json.dumps(config, default=str)})
         writer.finish()
+
+
+def config_beside(log: Path) -> dict[str, Any]:
+    """The configuration in the folder of a log, nothing where there is none."""
+    try:
+        return tomllib.loads((log.parent / "config.toml").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
 
 
 def check_library() -> None:
@@ -55,19 +79,26 @@ def check_library() -> None:
         raise HexsimError("writing MCAP needs its library: pip install 'hexsim[ros]'")
 
 
-def _topics(run: Run) -> Iterator[tuple[str, str, Iterable[tuple[int, bytes]]]]:
+def _topics(
+    log: pl.DataFrame, messages: Sequence[Message] | None
+) -> Iterator[tuple[str, str, Iterable[tuple[int, bytes]]]]:
     """Topic, name of its schema, and its messages (time [ns], JSON)."""
     for schema in ("hexsim.measured", "hexsim.truth"):
-        yield f"/{schema.partition('.')[2]}", schema, _rows(run.log, _columns(schema, run.log))
-    if "platform_x_m" in run.log.columns:
-        yield "/tf", "foxglove.FrameTransform", _frames(run.log)
-    yield "/messages", "foxglove.Log", _messages(run)
+        if columns := _columns(schema, log):
+            yield f"/{schema.partition('.')[2]}", schema, _rows(log, columns)
+    if set(POSE) <= set(log.columns):
+        yield "/tf", "foxglove.FrameTransform", _frames(log)
+    if messages is not None:
+        yield "/messages", "foxglove.Log", _messages(messages)
 
 
 def _columns(schema: str, log: pl.DataFrame) -> list[str]:
     """Columns of the log that the topic holds."""
     measured = schema == "hexsim.measured"
-    return [name for name in log.columns if name != "time_s" and places()[name][0].measured == measured]
+    known = places()
+    return [
+        name for name in log.columns if name != "time_s" and (known[name][0].measured if name in known else True) == measured
+    ]  # fmt: skip
 
 
 def _rows(log: pl.DataFrame, columns: list[str]) -> Iterator[tuple[int, bytes]]:
@@ -89,8 +120,7 @@ def _frames(log: pl.DataFrame) -> Iterator[tuple[int, bytes]]:
 
     time = log["time_s"].to_numpy()
     every = max(1, round(1.0 / (FRAME_RATE_Hz * (time[1] - time[0])))) if len(time) > 1 else 1
-    names = (*(f"platform_{axis}_m" for axis in "xyz"), *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")))
-    poses = log.select(names).to_numpy()[::every]
+    poses = log.select(POSE).to_numpy()[::every]
     turns = scipy.spatial.transform.Rotation.from_euler("ZYX", poses[:, :2:-1]).as_quat()
     for stamp, pose, turn in zip(_stamps(time[::every]), poses.tolist(), turns.tolist(), strict=True):
         message = {
@@ -100,10 +130,11 @@ def _frames(log: pl.DataFrame) -> Iterator[tuple[int, bytes]]:
         yield stamp, json.dumps(message).encode()
 
 
-def _messages(run: Run) -> Iterator[tuple[int, bytes]]:
-    for (stamp,), leg, text in ((_stamps([time_s]), leg, text) for time_s, leg, text in run.messages):
+def _messages(said: Sequence[Message]) -> Iterator[tuple[int, bytes]]:
+    """Level 3 is a warning in foxglove.Log."""
+    for (stamp,), leg, text in ((_stamps([time_s]), leg, text) for time_s, leg, text in said):
         message = {
-            "timestamp": _stamp(stamp), "level": WARNING, "message": text, "name": f"leg {leg}", "file": "", "line": 0,
+            "timestamp": _stamp(stamp), "level": 3, "message": text, "name": f"leg {leg}", "file": "", "line": 0,
         }  # fmt: skip
         yield stamp, json.dumps(message).encode()
 

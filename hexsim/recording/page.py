@@ -7,6 +7,7 @@ already `Markup` stays.
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,13 +15,13 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from hexsim import __version__
 from hexsim.files.runs_index import PLACE
+from hexsim.recording.uplot import scripts
 
 MOST_ROWS = 30  # of a table, about a screen's height; what is beyond folds away
-FLAT_COLUMNS = 5  # of a table that stays one on a phone; with more, each row becomes a list there
 EMPTY = Markup("")
 
 
@@ -65,9 +66,11 @@ class Report:
     def html(self) -> str:
         """The page, complete in itself."""
         sections = [section for section in self.sections if any(section.parts)]
+        zooms = any('<figure class="zoom">' in part for section in sections for part in section.parts)
         return _template().render(
             page=self,
             sections=sections,
+            zoom=scripts() if zooms else None,
             place=Markup(PLACE),
             version=__version__,
             written=f"{datetime.now():%Y-%m-%d %H:%M}",
@@ -96,7 +99,9 @@ def small(content: Any) -> Markup:
 
 
 def code(content: Any) -> Markup:
-    return Markup("<code>{}</code>").format(content)
+    """A command or a name; its options are not broken at their dashes."""
+    text = re.sub(r"--[\w-]+", r'<span class="option">\g<0></span>', str(escape(content)))
+    return Markup("<code>{}</code>").format(Markup(text))
 
 
 def link(name: str, path: str) -> Markup:
@@ -151,7 +156,8 @@ def table(
 
 
 def _table(heads: Sequence[Column], rows: Iterable[Sequence[Any] | Row]) -> Markup:
-    stacks = len(heads) > FLAT_COLUMNS or any(one.kind == "wide" for one in heads)
+    # on a phone more than five columns, or text that wraps, become a list a row
+    stacks = len(heads) > 5 or any(one.kind == "wide" for one in heads)
     top = join(Markup("<th{}>{}</th>").format(_class("text" if one.kind else ""), one.head) for one in heads)
     return Markup("<table{}><thead><tr>{}</tr></thead>\n<tbody>{}</tbody></table>").format(
         _class("stack" if stacks else ""), top, join(_row(heads, row, stacks) for row in rows)

@@ -11,7 +11,7 @@ from hexsim.recording.figure_style import STACKED, legend, new_figure, styled, s
 from hexsim.recording.signals import Signals
 from hexsim.signals.table import point_signal
 from hexsim.smoothness import band_limit
-from hexsim.smoothness.summary import PERCEPTION_m_s2
+from hexsim.smoothness.threshold import PERCEPTION_m_s2
 
 
 @styled

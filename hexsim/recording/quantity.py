@@ -6,6 +6,7 @@ import math
 
 from hexsim.recording.summary_table import NOTHING, number
 
+MM, BAR, L_MIN, DEG = 1e3, 1e-5, 6e4, 180.0 / math.pi  # what engineers read, per SI unit: mm, bar, l/min, deg
 # SI unit: (least size in SI, SI size of one, name), the largest first; the last one also serves what is smaller
 SCALES: dict[str, tuple[tuple[float, float, str], ...]] = {
     "m": ((0.5, 1.0, "m"), (1e-3, 1e-3, "mm"), (1e-7, 1e-6, "µm"), (0.0, 1e-9, "nm")),

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from hexsim.motion_computer.margins import LoopFigures, stability_sentence, worst_figures
 from hexsim.recording.config import config_tables
 from hexsim.recording.felt import FELT_HEADS, felt_cells, felt_of
+from hexsim.recording.figure_parts import close_up
 from hexsim.recording.page import (
     EMPTY,
     Column,
@@ -33,8 +34,11 @@ from hexsim.recording.page import (
 )
 from hexsim.recording.page import facts as facts_panel
 from hexsim.recording.quantity import share
+from hexsim.recording.run_curves import comparison_panels, first_seen, run_panels
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit, axis_unit_text
 from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, comparison_rows, facts, number
+from hexsim.recording.zoom import zoomable
+from hexsim.smoothness.threshold import SOURCE, times_threshold
 
 if TYPE_CHECKING:
     from hexsim.simulation import Run
@@ -59,12 +63,21 @@ CAPTIONS = {
     "Amplitude density of the acceleration and of its deviation from the fundamental. Equally spaced lines are "
     "harmonics of the motion, a broad peak is a resonance. The figures of the report count up to the dotted line.",
 }
+SEEN = {  # below the plots that can be looked at closely
+    "motion": "Setpoint and response of the driven axes; position, tracking error (setpoint less position) and valve of each leg.",
+    "acceleration": "The last periods of each driven axis: acceleration, raw and in the 50 Hz band, with its reference; deviation from "
+    "it, with the largest value at each reversal (upper or lower end of the stroke).",
+}
 
 
-def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:
-    """The page of one run; pictures: name -> PNG."""
-
-    driven, summary = Signals.of_run(run).driven_axes, run.summary
+def run_report(run: Run, pictures: Mapping[str, bytes], signals: Signals | None = None) -> str:
+    """The page of one run; pictures: name -> PNG. signals: of the run, with what was computed from them."""
+    signals = signals or Signals.of_run(run)
+    driven, summary, panels = signals.driven_axes, run.summary, run_panels(signals)
+    shown = [
+        zoomable(panels.get(name, ()), data, CAPTIONS.get(name, ""), SEEN.get(name, ""), first_seen(signals, name))
+        for name, data in pictures.items()
+    ]
     loop = worst_figures(run.machine)
     stability = stability_sentence(loop)
     rows = [Row(cells, "driven" if is_driven else "") for is_driven, cells in axis_rows(summary, driven)]
@@ -75,7 +88,7 @@ def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:
         f"{run.scenario.name} on {run.machine.name}",
         [
             Section("Figures of each axis", [table(axis_header(summary), rows), remark(_figures_words(run)) if rows else EMPTY]),
-            Section("Figures", [picture(data, CAPTIONS.get(name, "")) for name, data in pictures.items()]),
+            Section("Figures", shown),
             Section("Declared loop", [facts_panel(_loop_facts(loop)), remark(_loop_words(loop))]),
             Section("How it was run", [facts_panel(facts(summary, run), [
                 messages(said, heads, unfolded=len(said) < 8),
@@ -135,6 +148,9 @@ def run_sentence(summary: Mapping[str, Any], driven: tuple[str, ...]) -> str:
     description = f"The acceleration {where} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
     if harmonic:
         description += f" from its fundamental, {number(peak / harmonic, 2)} times that harmonic's amplitude"
+    times = times_threshold(axis, peak)
+    if times is not None:
+        description += f"{' and' if harmonic else ','} {number(times, 2)} times the threshold of perception"
     rest: dict[str, float] = {}
     for other, figures in summary["axes"].items():
         own = axis_unit(other)
@@ -178,9 +194,8 @@ def figures_first(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[t
     ]
 
 
-def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) -> str:
-    """The page of runs side by side; pictures: name -> PNG."""
-
+def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes], signals: Mapping[str, Signals]) -> str:
+    """The page of runs side by side; pictures: name -> PNG. signals: of the runs that are drawn."""
     first = next(iter(runs.values()))
     scenario, band = first.scenario, f"{first.summary['bandwidth_Hz']:g}"
     driven = [axis for axis in Signals.of_run(first).driven_axes if axis in first.summary["axes"]]
@@ -188,8 +203,8 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) ->
     start = number(scenario.figures_start_s)
     meaning = (
         f"Peak: largest deviation from the {'fundamental' if scenario.frequency_Hz else 'command'} from {start} s on, in the {band} Hz "
-        "band and raw; the lowest is shaded. Bump p-p: largest peak to peak about a reversal. Tracking: largest rms of a leg "
-        "behind its setpoint."
+        f"band and raw; the lowest is shaded. × perception: peak over its threshold ({SOURCE}). Bump p-p: largest peak to peak about a "
+        "reversal. Tracking: largest rms of a leg behind its setpoint."
     )
     people = [
         (axis_label(axis), bold(name), *felt_cells(axes[axis]))
@@ -199,8 +214,15 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) ->
     ]
     bumps = [picture(png, BUMPS.format(axis_label(name.removeprefix("bumps_")).capitalize()))
              for name, png in pictures.items() if name.startswith("bumps_")]  # fmt: skip
-    beside = [picture(png, BESIDE.format(axis_label(name.removeprefix("comparison_")), start))
-              for name, png in pictures.items() if name.startswith("comparison_")]  # fmt: skip
+    late = min(
+        map(close_up, signals.values()), key=lambda limits: limits[1], default=None
+    )  # of the run that ended first
+    beside = [
+        zoomable(
+            comparison_panels(signals, axis), pictures[f"comparison_{axis}"], BESIDE.format(axis_label(axis), start), SEEN_BESIDE, late
+        )
+        for axis in driven if f"comparison_{axis}" in pictures
+    ]  # fmt: skip
     said = [(name, f"{time_s:.3f}", leg, text) for name, run in runs.items() for time_s, leg, text in run.messages]
     tables = [{"axis": AXIS_NAMES[axis], "unit": axis_unit_text(axis), "rows": rows[axis]} for axis in driven]
     warnings = sorted({text for run in runs.values() for text in run.warnings if text != run.reason})
@@ -232,6 +254,7 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) ->
 def _comparison_table(rows: Sequence[Mapping[str, Any]], band: str) -> Markup:
     """One axis, a row a compensator, the lowest peak shaded."""
     peaks = [row["peak_band"] for row in rows if row["peak_band"] is not None and not row["note"]]
+    felt = ["× perception"] if any(row["times_threshold"] is not None for row in rows) else []
     best, largest = min(peaks, default=None), max(peaks, default=None)
     made = []
     for row in rows:
@@ -239,11 +262,12 @@ def _comparison_table(rows: Sequence[Mapping[str, Any]], band: str) -> Markup:
         name = join([bold(row["name"]), small(row["note"])], " ") if row["note"] else bold(row["name"])
         cells = (
             name, bold(number(row["peak_band"])), bar(row["peak_band"] / largest if counts and largest else None), share(row["ratio"]),
+            *([number(row["times_threshold"], 2)] if felt else []),
             *(number(row[key]) for key in ("peak_raw", "bump_pp", "noise_rms", "fundamental", "tracking_mm")),
         )  # fmt: skip
         made.append(Row(cells, "best" if counts and row["peak_band"] == best else ""))
-    heads = ["compensator", f"peak {band} Hz", Column("", "text"), f"relative to {rows[0]['name']}", "peak raw", "bump p-p", "noise rms",
-             "fundamental", "tracking [mm]"]  # fmt: skip
+    heads = ["compensator", f"peak {band} Hz", Column("", "text"), f"relative to {rows[0]['name']}", *felt, "peak raw", "bump p-p",
+             "noise rms", "fundamental", "tracking [mm]"]  # fmt: skip
     return table(heads, made, made)
 
 
@@ -252,8 +276,9 @@ BESIDE = (
     "How smooth is {} with each compensator? One row a compensator, all to one scale. Left and middle: the last periods; right: the "
     "whole run, where learning shows. Grey: the reference. Peak: as in the table, from {} s on."
 )
+SEEN_BESIDE = "The last periods. Below: tracking error and valve of a leg."
 FELT = (
     "Delay: of the acceleration behind the command, which the following leave out. Felt: share of time, and of reversals, with a "
-    "deviation above the threshold of perception (acceleration, Benson 1986; rotations by their rate, Benson 1989). Weighted rms: "
+    f"deviation above the threshold of perception (acceleration, {SOURCE}; rotations by their rate, Benson 1989). Weighted rms: "
     "ISO 2631-1, of the whole acceleration and of the deviation."
 )

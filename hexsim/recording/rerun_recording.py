@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from hexsim.files.atomic import written_whole
 from hexsim.recording import palette
 from hexsim.recording.deviation import Deviation
+from hexsim.recording.quantity import BAR, DEG, L_MIN, MM
 from hexsim.recording.rerun_blueprint import blueprint
 from hexsim.recording.rerun_scene import log_machine, time_column
 from hexsim.recording.signals import AXIS_NAMES, Signals
@@ -34,9 +35,7 @@ from hexsim.signals.table import table
 
 Array = NDArray[np.float64]
 
-MM, BAR, L_MIN, DEG = 1e3, 1e-5, 6e4, 180.0 / np.pi  # what engineers read, per SI unit
 SLOW_RATE_Hz = 500.0  # of pose and leg signals: the rate of the motion computer
-GAP = 2.6  # distance of machines side by side, in base radii
 MESSAGE_LEVEL = "INFO"
 # entity of a leg: (signals, the first that the log has), what people read per SI unit, colour where not the leg's own
 LEG_CURVES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
@@ -94,7 +93,7 @@ def entity_name(label: str) -> str:
 def _place(index: int, count: int, signals: Signals) -> Array:
     """Machines stand side by side along y, the first at the left of the picture."""
     radius = signals.kinematics.radius_m
-    return np.array([0.0, (0.5 * (count - 1) - index) * GAP * radius, 0.0])
+    return np.array([0.0, (0.5 * (count - 1) - index) * 2.6 * radius, 0.0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

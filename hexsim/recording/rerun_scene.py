@@ -12,16 +12,13 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from hexsim.recording import palette
+from hexsim.recording.palette import rgb
 from hexsim.recording.signals import Signals
 
 Array = NDArray[np.float64]
 
 SCENE_RATE_Hz = 100.0  # above what a screen shows
-BASE_COLOR = (108, 116, 130)
-PLATFORM_COLOR = (214, 219, 226)
-CYLINDER_COLOR = (47, 93, 138)
-ROD_COLOR = (200, 205, 212)
-JOINT_COLOR = (235, 170, 60)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,8 +68,8 @@ def _log_base(recording: rr.RecordingStream, path: str, motion: Motion, signals:
     size = signals.machine.cylinder.piston_diameter_m
     outline = motion.base if len(motion.base) > 2 else _square(4.0 * size)
     plate = _plate(1.12 * outline, -1.6 * size, -0.8 * size)
-    recording.log(f"{path}/base/frame", _mesh(plate, BASE_COLOR), static=True)
-    joints = rr.Points3D(motion.base, radii=0.7 * size, colors=JOINT_COLOR)
+    recording.log(f"{path}/base/frame", _mesh(plate, rgb(palette.BASE)), static=True)
+    joints = rr.Points3D(motion.base, radii=0.7 * size, colors=rgb(palette.JOINT))
     recording.log(f"{path}/base/joints", joints, static=True)
 
 
@@ -83,8 +80,10 @@ def _log_platform(recording: rr.RecordingStream, path: str, motion: Motion, sign
         plate = _plate(1.1 * joints, 0.5 * size, 1.3 * size)
     else:
         plate = _plate(_square(3.0 * size), 0.3 * size, 4.0 * size)
-    recording.log(f"{path}/platform/plate", _mesh(plate, PLATFORM_COLOR), static=True)
-    recording.log(f"{path}/platform/joints", rr.Points3D(joints, radii=0.6 * size, colors=JOINT_COLOR), static=True)
+    recording.log(f"{path}/platform/plate", _mesh(plate, rgb(palette.PLATFORM)), static=True)
+    recording.log(
+        f"{path}/platform/joints", rr.Points3D(joints, radii=0.6 * size, colors=rgb(palette.JOINT)), static=True
+    )
     axes = rr.Arrows3D(
         origins=[[0.0, 0.0, 1.3 * size]] * 3,
         vectors=4.0 * size * np.eye(3),
@@ -100,8 +99,13 @@ def _log_leg(recording: rr.RecordingStream, path: str, motion: Motion, leg: int,
     body = 0.9 * motion.retracted_m
     rod = 0.1 * motion.retracted_m + 1.02 * cylinder.stroke_m
     shapes = {
-        "cylinder": (body, 0.5 * body, 0.65 * cylinder.piston_diameter_m, CYLINDER_COLOR),
-        "rod": (rod, -0.5 * rod, max(0.5 * cylinder.rod_diameter_m, 0.2 * cylinder.piston_diameter_m), ROD_COLOR),
+        "cylinder": (body, 0.5 * body, 0.65 * cylinder.piston_diameter_m, rgb(palette.CYLINDER)),
+        "rod": (
+            rod,
+            -0.5 * rod,
+            max(0.5 * cylinder.rod_diameter_m, 0.2 * cylinder.piston_diameter_m),
+            rgb(palette.ROD),
+        ),
     }
     for name, (length, middle, radius, color) in shapes.items():
         shape = rr.Cylinders3D(

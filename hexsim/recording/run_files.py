@@ -83,7 +83,7 @@ def _write_plots(run: Run, folder: Path, *, recording: bool, report: bool, step:
             written.append(folder / "figures" / f"{name}.png")
             written[-1].write_bytes(data)
         written.append(folder / "report.html")
-        write_text(written[-1], run_report(run, pictures))
+        write_text(written[-1], run_report(run, pictures, signals))
     if recording:
         from hexsim.recording.rerun_recording import write_recording
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hexsim.recording.signals import AXIS_NAMES, axis_unit, axis_unit_text
+from hexsim.smoothness.threshold import times_threshold
 
 if TYPE_CHECKING:
     from hexsim.simulation import Run
@@ -156,6 +157,7 @@ def comparison_rows(runs: Mapping[str, Run], axis: str) -> list[dict[str, Any]]:
                 "fundamental": figures.get(f"fundamental_{unit}"),
                 "peak_raw": figures.get(f"peak_raw_{unit}"),
                 "peak_band": peak,
+                "times_threshold": times_threshold(axis, peak),
                 "ratio": peak / reference if peak is not None and reference else None,
                 "bump_pp": figures.get(f"bump_pp_{unit}"),
                 "noise_rms": figures.get(f"noise_rms_{unit}"),

@@ -19,7 +19,7 @@ from hexsim.smoothness import (
     summary_axes,
 )
 from hexsim.smoothness.reversals import REVERSAL_WINDOW_S, Reversal
-from hexsim.smoothness.summary import PERCEPTION_m_s2
+from hexsim.smoothness.threshold import times_threshold
 
 if TYPE_CHECKING:
     from hexsim.simulation.live import LiveMachine
@@ -112,9 +112,9 @@ def motion_figures(scenario: Scenario, axis_names: tuple[str, ...], log: pl.Data
     axes = summary_axes(time, motions, start_s=float(time[0]))
     driven = next(name for name, motion in motions.items() if motion.driven)
     felt = {
-        name: (figures["peak_band_m_s2"] or 0.0) / PERCEPTION_m_s2.get(name, PERCEPTION_m_s2["z"])
+        name: times
         for name, figures in axes.items()
-        if "peak_band_m_s2" in figures
+        if (times := times_threshold(name, figures.get("peak_band_m_s2") or 0.0)) is not None
     }
     axis = max(felt, key=lambda name: felt[name])
     grid, curves = reversal_curves(time, motions[driven], scenario.period_s)

@@ -18,7 +18,7 @@ from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.sensors.bank import SensorBank
 from hexsim.signals.table import motion_column, places, point_signal, table
 from hexsim.smoothness import AxisMotion, BANDWIDTH_Hz, summary_axes
-from hexsim.smoothness.summary import PERCEPTION_m_s2
+from hexsim.smoothness.threshold import times_threshold
 
 Array = NDArray[np.float64]
 MEANS = ("true_acceleration", "true_angular_acceleration")  # over a sample of the log
@@ -257,5 +257,5 @@ def _points(plant: Plant, scenario: Scenario, log: pl.DataFrame, start_s: float)
         }
         found[point] = summary_axes(time, motions, start_s=start_s)
         for axis, figures in found[point].items():
-            figures["peak_over_threshold"] = (figures["peak_band_m_s2"] or 0.0) / PERCEPTION_m_s2[axis]
+            figures["peak_over_threshold"] = times_threshold(axis, figures["peak_band_m_s2"] or 0.0)
     return found

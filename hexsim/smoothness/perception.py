@@ -1,7 +1,7 @@
 """What a person feels: thresholds of perception, ISO 2631-1 weighted vibration, jerk.
 
-    translations   deviation of the acceleration from the command, 50 Hz, against Benson's thresholds (1986, 3 s bell)
-    rotations      deviation of the rate, against 2.05 deg/s in roll and pitch, 1.5 deg/s in yaw (Benson 1989)
+    translations   deviation of the acceleration from the command, 50 Hz, against the threshold of perception (`threshold`)
+    rotations      deviation of the rate, likewise
     weighted rms   ISO 2631-1:1997, annex A: Wk in heave, Wd in surge and sway (seated), We for rotations
     MTVV           its 6.3.1: the largest rms of the weighted acceleration over a running second
     VDV            its 6.3.2: (integral of the weighted acceleration's fourth power over time)^(1/4)
@@ -9,8 +9,7 @@
 The rms alone misses shocks: by 6.3.3 MTVV counts besides where it exceeds 1.5 times the weighted rms, VDV where it exceeds
 1.75 times the weighted rms times T^(1/4).
 
-Thresholds are of smooth bells; short transients are felt at less. The command is moved by the delay of the response,
-which is given apart.
+The command is moved by the delay of the response, which is given apart.
 """
 
 from __future__ import annotations
@@ -27,9 +26,8 @@ from hexsim.smoothness.reversals import (
     response_delay_s,
     reversals_of_velocity,
 )
-from hexsim.smoothness.summary import ROTATIONS, PERCEPTION_m_s2
+from hexsim.smoothness.threshold import PERCEPTION_m_s2, PERCEPTION_rad_s
 
-PERCEPTION_rad_s = {"roll": math.radians(2.05), "pitch": math.radians(2.05), "yaw": math.radians(1.5)}
 WEIGHTING = {"x": "d", "y": "d", "z": "k", "leg": "k", "roll": "e", "pitch": "e", "yaw": "e"}
 TRANSITION_Hz_Q = {"k": (12.5, 0.63), "d": (2.0, 0.63), "e": (1.0, 0.63)}  # f3 = f4, Q4
 STEP_Hz_Q = {"k": (2.37, 0.91, 3.35, 0.91)}  # f5, Q5, f6, Q6
@@ -96,9 +94,9 @@ def felt_figures(
     late = lambda values: np.interp(time - delay, time, values)  # noqa: E731
     deviation = band - late(wanted)
     deviation = deviation - deviation[inside].mean()
-    judged, threshold = deviation, PERCEPTION_m_s2.get(axis, PERCEPTION_m_s2["z"])
     velocity = np.gradient(np.asarray(asked, dtype=float), time)
-    if axis in ROTATIONS:
+    judged, threshold = deviation, PERCEPTION_m_s2.get(axis)
+    if threshold is None:
         rate = np.gradient(np.asarray(position, dtype=float), time)
         judged, threshold = band_limit(time, rate) - late(band_limit(time, velocity)), PERCEPTION_rad_s[axis]
     reversals = [one for one in reversals_of_velocity(time, velocity) if one.time_s >= start_s]

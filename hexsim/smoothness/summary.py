@@ -14,7 +14,6 @@ from hexsim.smoothness.reversals import ReversalBump, deviation_from_command, re
 
 TURN_AROUND_LIMIT_M_S2 = 0.49  # +-0.05 g; commonly used, the rule leaves the tolerance to the applicant
 ROTATIONS = ("roll", "pitch", "yaw")
-PERCEPTION_m_s2 = {"x": 0.063, "y": 0.057, "z": 0.154}  # threshold of perception, Benson 1986 (3 s bell)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -131,7 +131,7 @@ def write_comparison(
         (folder / "figures").mkdir(exist_ok=True)
         for name, data in pictures.items():
             (folder / "figures" / f"{name}.png").write_bytes(data)
-    write_text(folder / "report.html", comparison_report(runs, pictures))
+    write_text(folder / "report.html", comparison_report(runs, pictures, signals))
     if recording and signals:
         step("recording")
         texts = {name: markdown(runs[name].summary, s.driven_axes, runs[name]) for name, s in signals.items()}

@@ -34,7 +34,7 @@ from hexsim.scenarios import Scenario
 from hexsim.setpoints.signals import Multisine
 from hexsim.signals.table import pose_column
 from hexsim.simulation import simulate
-from hexsim.smoothness.summary import PERCEPTION_m_s2
+from hexsim.smoothness.threshold import PERCEPTION_m_s2
 
 Array = NDArray[np.float64]
 PHASE_MARGIN_deg, GAIN_MARGIN_dB, PEAK_dB = 50.0, 8.0, 1.0

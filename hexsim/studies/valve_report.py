@@ -13,9 +13,9 @@ from hexsim.files.json_files import write_json
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, plain_frequencies, png, small_multiples, styled
 from hexsim.recording.page import Column, Report, Section, bold, lead, picture, table, text_block
+from hexsim.recording.quantity import BAR, L_MIN
 from hexsim.studies.valve_test import FREQUENCIES_Hz, ValveTest
 
-L_MIN, BAR, PERCENT = 6e4, 1e-5, 100.0
 CAPTIONS = {
     "static": "What does the valve let through? "
     "Flow over signal at constant valve drop, a full slow cycle; the same about null; a small reversal at half signal; "
@@ -32,13 +32,13 @@ def static_figure(test: ValveTest) -> Figure:
     ways = (("falling", slice(0, 1001), palette.MARK), ("rising", slice(1000, 2001), palette.RESPONSE))
     near = _near_null(test)
     for name, way, color in ways:
-        signal = PERCENT * test.signal[way]
+        signal = 100.0 * test.signal[way]
         for plot in (whole, close):
             plot.plot(signal, L_MIN * test.flow_m3_s[way], color=color, lw=1.3, label=f"signal {name}")
         pressure.plot(signal, BAR * test.load_pressure_Pa[way], color=color, lw=1.3)
         leakage.plot(signal, L_MIN * test.leakage_m3_s[way], color=color, lw=1.3)
-    reversal.plot(PERCENT * test.reversal, L_MIN * test.reversed_flow_m3_s, color=palette.MARK, lw=1.3)
-    shown = np.abs(PERCENT * test.signal) <= near
+    reversal.plot(100.0 * test.reversal, L_MIN * test.reversed_flow_m3_s, color=palette.MARK, lw=1.3)
+    shown = np.abs(100.0 * test.signal) <= near
     limit = 1.05 * max(L_MIN * float(np.max(np.abs(test.flow_m3_s[shown]))), 1e-3)
     close.set_xlim(-near, near)
     close.set_ylim(-limit, limit)
@@ -71,11 +71,11 @@ def dynamic_figure(test: ValveTest) -> Figure:
     colors = dict(zip(sorted({*test.step, *test.bode}), palette.RUNS, strict=False))
     for amplitude, answer in test.step.items():
         color = colors[amplitude]
-        step.plot(1e3 * test.time_s, PERCENT * answer, color=color, lw=1.3)
-        step.axhline(PERCENT * amplitude, color=palette.REFERENCE, lw=0.7, ls=":")
+        step.plot(1e3 * test.time_s, 100.0 * answer, color=color, lw=1.3)
+        step.axhline(100.0 * amplitude, color=palette.REFERENCE, lw=0.7, ls=":")
     for amplitude, (size, angle) in test.bode.items():
         color = colors[amplitude]
-        gain.semilogx(FREQUENCIES_Hz, 20 * np.log10(size), color=color, lw=1.3, label=f"{PERCENT * amplitude:g} %")
+        gain.semilogx(FREQUENCIES_Hz, 20 * np.log10(size), color=color, lw=1.3, label=f"{100.0 * amplitude:g} %")
         phase.semilogx(FREQUENCIES_Hz, angle, color=color, lw=1.3)
     gain.axhline(-3.0, color=palette.REFERENCE, lw=0.7, ls=":")
     phase.axhline(-90.0, color=palette.REFERENCE, lw=0.7, ls=":")

@@ -11,7 +11,6 @@ from hexsim.errors import HexsimError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 DRAWS_WITHOUT_GPU = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
-SIZE_PX = 1500, 900
 SLOWEST_MS = 240_000.0  # a computer that draws without a graphics card, and is busy
 
 
@@ -28,7 +27,7 @@ def opened(address: str) -> Iterator[Any]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", *DRAWS_WITHOUT_GPU])
         try:
-            page: Any = browser.new_page(viewport={"width": SIZE_PX[0], "height": SIZE_PX[1]})
+            page: Any = browser.new_page(viewport={"width": 1500, "height": 900})
             page.set_default_timeout(SLOWEST_MS)
             page.asked_for = []  # addresses of everything that it loads
             page.on("request", lambda request: page.asked_for.append(request.url))

@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, g])
 SHOWN_S = 10.0  # of flown and felt
 ROW_S = 0.02  # between its rows, each a mean
-LAST_MESSAGES = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -187,7 +186,7 @@ class Flight:
         time_s = np.arange(1 - len(kept), 1, dtype=np.float64) * (self._rows.ticks * self.server.tick_s)
         return FlightShown(
             time_s=time_s, flown=flown, asked=asked, felt=felt, state=self._state(), packets=self._packets(),
-            messages=tuple(text for _, _, text in list(self.server.messages)[-LAST_MESSAGES:]),
+            messages=tuple(text for _, _, text in list(self.server.messages)[-3:]),
             behind_s=status.behind_s, error=self._error,
         )  # fmt: skip
 

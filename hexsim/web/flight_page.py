@@ -9,12 +9,12 @@ import numpy as np
 from viser import uplot
 
 from hexsim.cueing.shaping import AXES, AxisShape
+from hexsim.recording.quantity import DEG
 from hexsim.web.flight import SHOWN_S, Flight, FlightShown
 from hexsim.web.machine_page import PANEL_PX, SLIDERS_PX, MachinePage
 from hexsim.web.page import BOTTOM, SMALLEST, TOP, round_up
 
 GREY = "#8a8a8a"
-DEG = np.pi / 180.0
 IS_TURN = {axis: axis in ("roll", "pitch", "yaw") for axis in AXES}
 LARGEST_GAIN, LONGEST_MS = 3.0, 500.0  # of the sliders
 WIDEST = {False: 2.0, True: 20.0}  # of a dead band's slider, m/s2 or deg/s
@@ -65,7 +65,7 @@ class FlightPage(MachinePage):
         self.flight.ask({axis: self._shape(axis) for axis in AXES})
 
     def _shape(self, axis: str) -> AxisShape:
-        unit = DEG if IS_TURN[axis] else 1.0
+        unit = 1.0 / DEG if IS_TURN[axis] else 1.0
         return AxisShape(
             gain=float(self.gains[axis].value), smoothing_s=1e-3 * float(self.lags[axis].value),
             dead_band=unit * float(self.bands[axis].value),
@@ -101,7 +101,7 @@ class FlightPage(MachinePage):
 
     def _show(self, shown: FlightShown) -> None:
         axis = self.axis if self.axis in AXES else AXES[2]
-        k, unit = AXES.index(axis), 1.0 / DEG if IS_TURN[axis] else 1.0
+        k, unit = AXES.index(axis), DEG if IS_TURN[axis] else 1.0
         name = "deg/s" if IS_TURN[axis] else "m/s²"
         lines = [unit * rows[:, k] for rows in (shown.flown, shown.asked, shown.felt)]
         largest = max(SMALLEST["m_s2"], *(float(np.abs(line).max()) for line in lines))

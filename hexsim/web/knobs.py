@@ -12,6 +12,7 @@ import numpy as np
 from hexsim.machine import Machine
 from hexsim.machine.files import changed
 from hexsim.mechanics.workspace import excursions
+from hexsim.recording.quantity import BAR, L_MIN
 from hexsim.scenarios import Scenario, load_scenario
 from hexsim.scenarios.scenario import ROTATIONS, available_scenarios
 
@@ -19,7 +20,7 @@ DRY_FRICTION = tuple(
     f"friction.{name}_N" for name in ("coulomb_extend", "coulomb_retract", "static_extend", "static_retract")
 )
 LEAK, DELAY = "effects.leakage_supply_to_chamber", "effects.valve_delay"
-L_MIN_BAR = 1e-3 / 60.0 / 1e5  # l/min/bar in m3/s/Pa
+L_MIN_BAR = BAR / L_MIN  # l/min/bar in m3/s/Pa
 REACH = 0.9  # of the excursion that an axis has alone
 
 

@@ -17,7 +17,6 @@ from hexsim.web.gate import LOOPBACK, open_server
 
 REFRESH_S = 0.3
 PANEL_PX, SLIDERS_PX = 430, 350
-ENVIRONMENT_LIGHT = 0.35  # so that the paints keep their colours
 
 
 class Simulated(Protocol):
@@ -77,7 +76,7 @@ class MachinePage:
     def _build_scene(self, model: Any) -> ViserMujocoScene:
         scene = ViserMujocoScene(self.server, model, num_envs=1)
         scene.camera_tracking_enabled = False
-        self.server.scene.configure_environment_map(environment_intensity=ENVIRONMENT_LIGHT)
+        self.server.scene.configure_environment_map(environment_intensity=0.35)  # the paints keep their colours
         size, centre = float(model.stat.extent), np.array(model.stat.center)
         camera = self.server.initial_camera
         camera.look_at, camera.fov = centre, np.radians(40.0)

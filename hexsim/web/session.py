@@ -23,7 +23,6 @@ from hexsim.web.knobs import Wave, machine_with, settings_of, wave_of, waves
 FRAME_S = 1.0 / 30.0  # of a page
 LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
 CUT = "The motion asks for more than the strokes: it is cut at their ends."
-WARNINGS = 3  # that the page has room for
 STOP_S = 1.0  # for a frame or a tick to end
 SETTLE_S = 0.5  # after a change, before the figures count
 
@@ -215,6 +214,6 @@ class Session:
                 self._shown = replace(
                     self._shown, asked=self._present, figures=figures or self._shown.figures, time_s=live.time_s, speed=self._speed,
                     error=self._error or (CUT if live.out_of_reach else ""),
-                    warnings=tuple(live.cavitation.told)[-WARNINGS:], known=live.loop.known,
+                    warnings=tuple(live.cavitation.told)[-3:], known=live.loop.known,
                 )  # fmt: skip
             return self._shown

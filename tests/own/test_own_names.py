@@ -1,6 +1,8 @@
 """Names of machines of one's own: a form is proven against free forms, a memory against all memories."""
 
 import tomllib
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -155,11 +157,30 @@ def test_a_formula_that_a_chosen_effect_is_is_not_offered(tmp_path):
 
 
 def test_the_stated_chance_is_a_count(monkeypatch):
-    """None wrong of 59 is at most 5 % (0.95^59 = 0.0485); all wrong is 1; the verdict of a name says the counts of its kind."""
+    """None wrong of 59 is at most 5 % (0.95^59 = 0.0485); all wrong is 1; the sentence of a name says the counts of its kind."""
     assert stated.at_most(0, 59) == pytest.approx(1 - 0.05 ** (1 / 59))
     assert stated.at_most(3, 3) == 1.0
     monkeypatch.setattr(stated, "counts", lambda: {"name": (0, 59)})
     assert stated.stated("name") == "wrong on made-up machines: 0 of 59 names alone, at most 5 % at 95 %"
+
+
+def test_a_chance_follows_what_it_is_about(monkeypatch):
+    """Names, ties and a formula are each followed by the chance of their own kind; what is likely, and no form, have none."""
+    monkeypatch.setattr("hexsim.own.trace.stated", lambda kind: f"chance of a {kind}")
+
+    def one(title: str, *tied: str, verdict: str = "named") -> Any:
+        return SimpleNamespace(title=title, tied=tied, verdict=verdict)
+
+    steps, refused = [one("a"), one("b", "c, odds 1 to 2.0"), one("d")], [one("e", verdict="likely")]
+    found: Any = SimpleNamespace(steps=steps, refused=refused, in_model=[])
+    formula: Any = SimpleNamespace(proven=True, why="", best=one("x**2"))
+    names = "named: a + d (chance of a name) + b (tied with c, odds 1 to 2.0) (chance of a tie)"
+    likely = "likely, not proven: e"
+    assert said(found, None) == f"{names}; {likely}"
+    assert said(found, formula) == f"{names}; formula beyond the library: x**2 (chance of a formula); {likely}"
+    open_form: Any = SimpleNamespace(proven=False, why="two are as likely", best=one("x**2"))
+    found.steps = []
+    assert said(found, open_form) == f"unexplained; no form: two are as likely; {likely}"
 
 
 def test_numbers_of_the_library_have_the_places_units():

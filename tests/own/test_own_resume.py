@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from hexsim.cli import app, own_machine
 from hexsim.inference import notebook
 from hexsim.own.state_file import FILE
+from hexsim.tracing.own.page import incomplete_page
 
 TANK = """
 [runs]
@@ -224,3 +225,11 @@ def test_what_was_fitted_is_not_believed_where_it_does_not_fit(begun, fits):
     assert hexsim("--resume", begun).exit_code == 0
     assert len(fits) > 1
     assert report(begun)["named"][0] == "overflow in level_m"
+
+
+def test_an_incomplete_page_of_balances_has_what_was_traced():
+    """Each verdict so far, why it ended, and how to go on; markup in a name stays text."""
+    known = {"machine": "cart", "verdict": {"<b>force</b>": "explained in part by dry friction: 0.9 -> 0.1 N held out"}}
+    page = incomplete_page(known, "it was interrupted")
+    assert "did not come to its end: it was interrupted" in page and ">--resume</span>" in page
+    assert "explained in part by dry friction: 0.9 → 0.1 N held out" in page and "<b>" not in page

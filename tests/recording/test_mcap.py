@@ -5,11 +5,16 @@ from dataclasses import replace
 
 import jsonschema
 import numpy as np
+import polars as pl
 import pytest
+from typer.testing import CliRunner
 
+from hexsim.cli import app
 from hexsim.errors import HexsimError
+from hexsim.files.log_files import write_log
 from hexsim.readers.files import raw_log
 from hexsim.recording import mcap as written
+from hexsim.recording.run_files import write_essentials
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
@@ -74,3 +79,50 @@ def test_without_the_library_the_sentence_says_what_to_install(run, tmp_path, mo
     with pytest.raises(HexsimError, match=r"pip install 'hexsim\[ros\]'"):
         written.write_mcap(run, tmp_path / "no.mcap")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_run_folder_becomes_the_same_file(run, path, tmp_path):
+    """`hexsim export mcap` of a run's folder, and of its log as CSV with a column of one's own: the messages are the log's rows, and
+    the configuration is in it; damage, a wrong name and a missing log are one sentence, and leave nothing behind."""
+
+    def export(*arguments):
+        return CliRunner().invoke(app, ["export", "mcap", *map(str, arguments)])
+
+    folder = tmp_path / "run"
+    folder.mkdir()
+    write_essentials(run, folder, "parquet")
+    assert export(folder).exit_code == 0
+
+    def topics(file):
+        with open(file, "rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            found = {}
+            for _, channel, message in reader.iter_messages():
+                found.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+            return found, json.loads(next(reader.iter_metadata()).metadata["config"])
+
+    written_first, _ = topics(path)
+    again, config = topics(folder / "run.mcap")
+    assert again == {topic: rows for topic, rows in written_first.items() if topic != "/messages"}
+    assert config["run"]["scenario"] == "heave"
+
+    other = tmp_path / "bench.csv.gz"
+    time = np.arange(3) * 1e-3
+    write_log(pl.DataFrame({"time_s": time, "position_m": [0.1, np.nan, 0.3], "oil_level_m": [1.0, 2.0, 3.0]}), other)
+    assert export(other, "-o", tmp_path / "b.mcap").exit_code == 0
+    found, config = topics(tmp_path / "b.mcap")
+    assert [row for _, row in found["/measured"]] == [
+        {"position_m": 0.1, "oil_level_m": 1.0}, {"position_m": None, "oil_level_m": 2.0}, {"position_m": 0.3, "oil_level_m": 3.0},
+    ]  # fmt: skip
+    assert [stamp for stamp, _ in found["/measured"]] == [0, 1_000_000, 2_000_000] and config == {}
+
+    (tmp_path / "text.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "torn.parquet").write_bytes(b"PAR1 no")
+    for wrong in ("text.csv", "torn.parquet", "missing.csv", "."):
+        before = sorted(tmp_path.rglob("*"))
+        refused = export(tmp_path / wrong)
+        assert refused.exit_code == 2 and "Traceback" not in refused.output and refused.stderr.startswith("hexsim: "), (
+            wrong
+        )
+        assert sorted(tmp_path.rglob("*")) == before
+    assert "ends in .mcap" in export(other, "-o", tmp_path / "b.txt").stderr

@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, styled
-from hexsim.recording.page import EMPTY, Column, Report, Row, Section, folded, note, picture, remark, table, verdict
+from hexsim.recording.page import (
+    EMPTY,
+    Column,
+    Report,
+    Row,
+    Section,
+    code,
+    folded,
+    join,
+    lead,
+    note,
+    picture,
+    remark,
+    table,
+    verdict,
+)
 from hexsim.recording.quantity import plain, quantity
+from hexsim.recording.zoom import Curve, Panel, zoomable
 from hexsim.tracing.own.analysis import OwnTrace
 from hexsim.tracing.own.folder import OwnMachine
 
 SHOWN_S = 30.0  # of a run
 MOST_POINTS = 4000  # of a line: more than a page has pixels
 WIDE = 30.0  # largest by smallest bar beyond which the axis is logarithmic
+NOTHING_MISSING = "nothing missing"
+VERDICTS = ("explained in part", "unexplained", NOTHING_MISSING)  # how a balance's verdict begins
 STEPS = (("declared", "as declared"), ("refit", "refitted"), ("with_terms", "with the terms"))
 SHADES = {"declared": "0.75", "refit": "0.5", "with_terms": "#1f5fa8"}
 
@@ -28,39 +49,75 @@ def own_page(machine: OwnMachine, traces: Sequence[OwnTrace], report: Mapping[st
     logs = Section("Logs", [table(["run", Column("what was read, repaired and moved", "wide")], findings)])
     runs = ", ".join(point.log.name for point in machine.fit)
     about = f"Balances of this machine's own, each number chosen without the run that it is scored on · runs: {runs}"
-    return Report(f"Trace of {machine.name}", [*balances, logs], about=about).html()
+    answers = (
+        f"{b['name'].capitalize()} balance: {b['verdict'].partition(':')[0].partition(';')[0]}."
+        for b in report["balances"]
+    )
+    return Report(f"Trace of {machine.name}", [*balances, logs], about=about, top=[*map(lead, answers)]).html()
+
+
+def incomplete_page(report: Mapping[str, Any], why: str) -> str:
+    """The page of a trace that ended early: the verdicts of the balances that it came to, without figures."""
+    rows = [(name.capitalize(), said.replace(" -> ", " → ")) for name, said in report["verdict"].items()]
+    go_on = join(
+        [
+            "Balances that are not below were not traced. ",
+            code("hexsim trace --resume"),
+            " with this folder goes on there.",
+        ]
+    )
+    return Report(
+        f"Trace of {report['machine']}, incomplete",
+        [Section("Balances so far", [table(["balance", Column("verdict", "wide")], rows)])],
+        about="Balances of this machine's own",
+        top=[verdict("incomplete", [f"This trace did not come to its end: {why}"], [go_on], good=False)],
+    ).html()
 
 
 def balance_section(trace: OwnTrace, b: Mapping[str, Any]) -> Section:
     """Verdict, budget and coefficients of one balance with its figures."""
     said, unit = b["verdict"], b["unit"]
-    good = said.startswith(("explained", "nothing")) and "in part" not in said
-    tag = said.split(":")[0].split(";")[0][:60]
+    tag = next((one for one in VERDICTS if said.startswith(one)), "")
+    first, *rest = re.sub(r"^( by |[:;] )", "", said.removeprefix(tag)).replace(" -> ", " → ").split("; ")
     more = [*b["remarks"], *(f"run {run}: {text}" for run, text in b["pulses"].items()), f"Next: {b['next']}"]
     most = max(row["refit"] for row in b["budget"])
     budgets = [
-        (row["run"], "one of the folds" if row["held_out"] == "fold" else "never seen",
+        (row["run"], "held out in turn" if row["held_out"] == "fold" else "never seen",
          *(quantity(row[key], unit, beside=most) for key, _ in STEPS),
          (" + ".join(row["chosen"]) or "none") if "chosen" in row else "")
         for row in b["budget"]
     ]  # fmt: skip
     heads = ["run", Column("", "text"), *(label for _, label in STEPS), Column("chosen without it", "wide")]
+    declared = any(c["declared"] is not None for c in b["coefficients"].values())
+    numbers = [
+        "number",
+        "value",
+        "± over runs",
+        *(["declared"] if declared else []),
+        *(["place"] if b["places"] else []),
+    ]
     coefficients = [
-        Row((name, quantity(c["value"], c["unit"], 5), quantity(c["standard_error"], c["unit"], 2), quantity(c["declared"], c["unit"], 5),
-             plain(b["places"][name]["place"], 5) if name in b["places"] else ""), "best" if name in b["named"] else "")
+        Row((name, quantity(c["value"], c["unit"], 5), quantity(c["standard_error"], c["unit"], 2),
+             *([quantity(c["declared"], c["unit"], 5)] if declared else []),
+             *([plain(b["places"][name]["place"], 5) if name in b["places"] else ""] if b["places"] else [])),
+            "best" if name in b["named"] else "")
         for name, c in b["coefficients"].items()
     ]  # fmt: skip
     seen = [(name, quantity(d["theta_min"], d["unit"])) for name, d in b["detectable"].items()]
     return Section(f"{b['name'].capitalize()} balance", [
-        verdict(tag, [said.replace(" -> ", " → ")], more, good=good),
+        verdict(tag, [capital(first)], [*map(capital, rest), *more], good=tag == NOTHING_MISSING),
         picture(png(budget(trace)), BUDGET),
         table(heads, budgets), remark("rms of the residual."),
-        table(["number", "value", "± over runs", "declared", "place"], coefficients),
-        picture(png(rest_in_time(trace)), TIME), picture(png(rest_over(trace)), OVER),
+        table(numbers, coefficients),
+        time_figure(trace), picture(png(rest_over(trace)), OVER if b["depends_on"]["signal"] != "none" else OVER_TIME),
         *map(note, b["extremes"]),
         folded("What these runs would have shown", [table(["candidate", "smallest size seen"], seen)]) if seen else EMPTY,
         *(note(f"Candidate left out: {text}.") for text in b["refused"]),
     ])  # fmt: skip
+
+
+def capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 BUDGET = (
@@ -72,6 +129,8 @@ TIME = (
     "When is it off? "
     "The balance in time, on one run: what must be explained, and what is left. Pale bands are pulses found in the residual."
 )
+OVER_TIME = "On which signal does the residual depend? On no single one; here it is over time, the line is the mean of narrow bins."
+SEEN = "What must be explained, and what is left, on one run. Shaded: pulses found in the residual."
 OVER = (
     "On which signal does the residual depend? "
     "What is left over the signal that it depends on most; the line is the mean of narrow bins."
@@ -103,13 +162,34 @@ def budget(trace: OwnTrace) -> Figure:
     return figure
 
 
+def shown_run(trace: OwnTrace) -> tuple[str, float]:
+    """The run that is drawn over time, with events if one has some, and the time from which [s]."""
+    name = next((run for run, found in trace.events.items() if found), next(iter(trace.rests)))
+    found = trace.events[name]
+    return name, max(found[0].start_s - 2.0, 0.0) if found else 0.0
+
+
+def time_figure(trace: OwnTrace) -> Markup:
+    """Target and residuals over a whole run, to be looked at closely, with their picture."""
+    name, first = shown_run(trace)
+    time, target, before, after = trace.rests[name]
+    title, unit = f"{trace.balance.name} balance on {name}", trace.balance.unit
+    upper = [Curve("target", target, palette.REFERENCE, 2.0), Curve("terms", target - after, palette.RESPONSE)]
+    lower = [
+        Curve("residual, refitted", before, palette.RAW),
+        Curve("residual, with the terms", after, palette.RESPONSE),
+    ]
+    spans = [(event.start_s, event.stop_s) for event in trace.events[name]]
+    panels = [Panel(f"{title} [{unit}]", time, upper), Panel(f"residual [{unit}]", time, lower, spans=spans)]
+    return zoomable(panels, png(rest_in_time(trace)), TIME, SEEN, (first, first + SHOWN_S))
+
+
 @styled
 def rest_in_time(trace: OwnTrace) -> Figure:
     """Target and rest of one run: the one with events, else the first."""
-    name = next((run for run, found in trace.events.items() if found), next(iter(trace.rests)))
+    name, first = shown_run(trace)
     time, target, before, after = trace.rests[name]
     found = trace.events[name]
-    first = max(found[0].start_s - 2.0, 0.0) if found else 0.0
     rows = (time >= first) & (time < first + SHOWN_S)
     thin = slice(None, None, max(int(rows.sum()) // MOST_POINTS, 1))
     figure, (upper, lower) = new_figure(2, f"{trace.balance.name} balance on {name}", height=5.0)

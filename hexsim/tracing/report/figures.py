@@ -13,6 +13,7 @@ from hexsim.declaration import Machine
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, legend_above, plain_frequencies, plain_powers, png, styled
 from hexsim.recording.quantity import split_key
+from hexsim.recording.zoom import Curve, Panel
 from hexsim.signals.channels import channel_arrays, kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing.held_out import banded
@@ -108,6 +109,30 @@ def comparison(result: Trace, answers: Mapping[str, Log]) -> bytes:
         Patch(color=NOISE_BAND, label="sensors' noise, 95 %"),
     )
     return png(figure)
+
+
+def comparison_panels(result: Trace, answers: Mapping[str, Log]) -> list[Panel]:
+    """The same over the whole run, to be looked at closely: the first channel, and what each model leaves of each."""
+    problem, names = result.validate_problem, labels_of(result)
+    log, channels = problem.logs[0], worst_channels(result, problem.logs[0].name)
+    late, shown, panels = slice(problem.settle(0), None), {k: channel_arrays(v) for k, v in answers.items()}, []
+    time = log.time[late]
+    for k, channel in enumerate(channels):
+        name, scale, unit, rest_scale, rest_unit = SCALE[kind_of(channel)]
+        words = channel_words(channel) + (", 50 Hz band" if "50 Hz" in name else "")
+        measured = problem.measured[0][channel]
+        own = {key: banded(channel, log.time, answer[channel])[late] for key, answer in shown.items()}
+        rests = {key: banded(channel, log.time, measured - answer[channel])[late] for key, answer in shown.items()}
+        if k == 0:
+            whole = banded(channel, log.time, measured)[late]
+            curves = [Curve(names[key], scale * values, COLOURS[key]) for key, values in own.items()]
+            panels.append(
+                Panel(f"{words} [{unit}]", time, [Curve("measured", scale * whole, MEASURED, MEASURED_WIDTH), *curves])
+            )
+        noise = 2.0 * rest_scale * result.error[log.name][channel]["noise"]
+        curves = [Curve(names[key], rest_scale * values, COLOURS[key]) for key, values in rests.items()]
+        panels.append(Panel(f"measured − model, {words} [{rest_unit}]", time, curves, band=(-noise, noise)))
+    return panels
 
 
 @styled

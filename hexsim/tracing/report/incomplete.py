@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from hexsim.files.atomic import write_text
 from hexsim.files.json_files import write_json
-from hexsim.recording.page import Column, Report, Section, code, join, table, verdict
-from hexsim.recording.quantity import plain
-from hexsim.recording.summary_table import number
+from hexsim.hydraulics.effects.effect import EffectParameter
+from hexsim.recording.page import Cell, Column, Report, Section, code, join, table, verdict
+from hexsim.recording.quantity import plain, quantity, split_key
 from hexsim.tracing.report.content import balance_entry, finite, parameter_entries, report_of
 from hexsim.tracing.report.tables import parameter_table, step_table
 from hexsim.tracing.state import Trace
@@ -44,6 +45,11 @@ def incomplete_report(state: Trace, why: str) -> dict[str, Any]:
     }
 
 
+def in_words(one: EffectParameter, values: Mapping[str, float]) -> str:
+    """A number of an effect with its unit."""
+    return f"{split_key(one.name)[0]} {quantity(values[one.name], one.unit)}" if one.name in values else ""
+
+
 def write_incomplete(state: Trace, folder: Path, why: str) -> None:
     """report.json and report.html, without pictures: quick, and without a simulation."""
     report = incomplete_report(state, why)
@@ -53,14 +59,14 @@ def write_incomplete(state: Trace, folder: Path, why: str) -> None:
     left = ", ".join(report["incomplete"]["steps_left"]) or "the report"
     said = f"Nothing on this page is judged. The last step that ended is “{report['incomplete']['last_step']}”; missing: {left}. "
     hypothesis = [
-        (e["name"].replace("_", " "), e["where"], join((f"{key} = {number(x, 4)}" for key, x in e["parameters"].items()), "<br>"))
-        for e in report["hypothesis"]
+        (own.effect.name.replace("_", " "), own.where, join((in_words(one, values) for one in own.effect.parameters), "<br>"))
+        for own, values in zip(state.final.candidates, state.final.values, strict=True)
     ]  # fmt: skip
     balances = [
-        (b["name"], b["where"], plain(b["violation"]), "violated" if b["violated"] else "holds")
+        (b["name"], b["where"], plain(b["violation"]), Cell("violated", "text fail") if b["violated"] else Cell("holds", "text pass"))
         for b in report["balances"]
-    ]
-    text = [Column(head, "text") for head in ("where", "numbers", "")]
+    ]  # fmt: skip
+    text = [Column("where", "text"), Column("numbers", "wide"), Column("", "text")]
     page = Report(
         f"Trace of {state.machine.name}, incomplete",
         [

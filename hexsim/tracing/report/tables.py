@@ -91,7 +91,7 @@ def parameter_table(report: Mapping[str, Any], *, judged: bool) -> Markup:
 def step_table(report: Mapping[str, Any]) -> Markup:
     """What each step decided."""
     rows = [(s["name"], s["sentence"], f"{s['seconds']:.1f}") for s in report["steps"]]
-    return table(["step", Column("decided", "wide"), "s"], rows)
+    return table(["step", Column("decided", "wide"), "time [s]"], rows)
 
 
 def unexplained_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
