@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..adaptive.layout import record
 from ..compensator import Parameters
 from ..compiled import compiled
+from ..records import Record, record
 from .estimator import HEATS
 from .fit import N_COLUMNS, variances
-from .layout import Record
 from .leg import HOLD, N_NUMBERS, NAMES
 from .prior import fill_prior, restore_prior
 
