@@ -1,4 +1,4 @@
-"""How the adaptive step is compiled: strict IEEE arithmetic, cached between sessions, at the first call and not before.
+"""How a tick is compiled: strict IEEE arithmetic, cached between sessions, at the first call and not before.
 
 Numba's cache looks at the file of the function alone, but compiled callers hold copies of what they call. So the cache's
 version is that of all files that hold compiled functions.
@@ -16,6 +16,12 @@ from numba import config, njit, types
 from numba.core.imputils import lower_cast
 
 from .compiled_cache import check_cache, temporary_cache
+
+SHARED = (
+    "compensator", "guard", "spool_model", "volts_bound", "records", "arithmetic", "least_squares", "prediction", "loop_feedback",
+    "damping_design",
+)  # fmt: skip
+FOLDERS = ("adaptive", "estimated")  # every file of these
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -59,10 +65,17 @@ def _general(kind: Any) -> Any:
 
 @cache
 def _sources_digest() -> str:
-    """Digest of the files that hold compiled functions or the layout of the state."""
-    package = Path(__file__).parent
-    digest = hashlib.sha256((package / "compensator.py").read_bytes())
-    beside = [package / name for name in ("guard.py", "spool_model.py", "volts_bound.py")]
-    for path in [*beside, *sorted((package / "adaptive").glob("*.py")), *sorted((package / "estimated").glob("*.py"))]:
+    """Digest of the files that hold compiled functions or the layout of a state."""
+    digest = hashlib.sha256()
+    for path in compiled_sources():
         digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def compiled_sources() -> list[Path]:
+    """The files of this package that compiled code depends on."""
+    package = Path(__file__).parent
+    return [
+        *(package / f"{name}.py" for name in SHARED),
+        *(path for name in FOLDERS for path in sorted((package / name).glob("*.py"))),
+    ]

@@ -42,18 +42,26 @@ class CompensationTable:
 def table_of(parameters: Parameters, voltage_max_V: float = 10.0) -> CompensationTable:
     """The learned curve of an algorithm's parameters.
 
-    Report algorithms: Eq. 5.2 or 5.3 with the learned a, q, r (of two curves their mean). `adaptive`, `repetitive`: the
-    dead band of either direction, and the difference of the two gains from their mean. `exact`: the inverse of its
-    flow curve.
+    Report algorithms: Eq. 5.2 or 5.3 with the learned a, q, r (of two curves their mean). `adaptive`, `estimated`,
+    `repetitive`: the dead band of either direction, and the difference of the two gains from their mean. `exact`: the
+    inverse of its flow curve.
     """
     if "flow" in parameters:
-        return _of_learned_valve(parameters["flow"], voltage_max_V)
+        edges = [parameters["flow"][side] for side in ("retract", "extend")]
+        dead_bands_V, gains = ([edge[name] for edge in edges] for name in ("dead_band_V", "gain_m_s_V"))
+        return _of_edges(dead_bands_V, gains, voltage_max_V)
+    if "numbers" in parameters:
+        numbers = parameters["numbers"]
+        gains = [numbers["gain_dn"], numbers["gain_up"]]
+        if not min(gains) > 0.0:
+            raise ValueError("these parameters hold no valve yet: give those of a leg that has moved for some seconds")
+        return _of_edges([numbers["dead_dn_V"], numbers["dead_up_V"]], gains, voltage_max_V)
     if "function" in parameters:
         return _of_function(parameters, voltage_max_V)
     if "voltage_V" in parameters:
         return _of_flow_curve(parameters["voltage_V"], parameters["velocity_m_s"])
     raise ValueError(
-        "these parameters hold no curve that could be exported; give those of an adaptive, report or exact algorithm"
+        "these parameters hold no curve that could be exported; give those of an adaptive, estimated, report or exact algorithm"
     )
 
 
@@ -79,15 +87,13 @@ def _of_function(parameters: Parameters, voltage_max_V: float) -> CompensationTa
     return CompensationTable(tuple(grid), tuple(value(u) for u in grid))
 
 
-def _of_learned_valve(flow: Parameters, voltage_max_V: float) -> CompensationTable:
-    down, up = flow["retract"], flow["extend"]
-    mean = 0.5 * (down["gain_m_s_V"] + up["gain_m_s_V"])
+def _of_edges(dead_bands_V: list[float], gains: list[float], voltage_max_V: float) -> CompensationTable:
+    """Of the edge that is open while retracting and of the other; gains in any unit."""
+    mean = 0.5 * sum(gains)
     control = (-voltage_max_V, -EDGE_V, EDGE_V, voltage_max_V)
-    edges = (down, down, up, up)
-    signs = (-1.0, -1.0, 1.0, 1.0)
     volts = tuple(
-        sign * edge["dead_band_V"] + u * (mean / edge["gain_m_s_V"] - 1.0)
-        for u, edge, sign in zip(control, edges, signs, strict=True)
+        (-1.0, 1.0)[side] * dead_bands_V[side] + u * (mean / gains[side] - 1.0)
+        for u, side in zip(control, (0, 0, 1, 1), strict=True)
     )
     return CompensationTable(control, volts)
 

@@ -28,7 +28,7 @@ START, RUN_NORMAL, RETURN_NEUTRAL, SETTLE, RESET = 1, 3, 4, 5, 6  # of a command
 LEG_ERROR, HOST_ERROR, WORKSPACE = 1, 16, 32
 COMMAND, REPLY = struct.Struct("<4sHHIId6d"), struct.Struct("<4sHHIIddd6d6d")
 ROW = struct.Struct("<4sHHIIdd12d")  # telemetry of one leg, one row a packet
-PIECE, PART, LONGEST = struct.Struct("<4sHHHHII"), 1200, 8192  # of a compensator's request
+PIECE, PART, LONGEST = struct.Struct("<4sHHHHII"), 1200, 32768  # of a compensator's request
 
 TICK_s, STEPS = 0.002, 20  # of the motion computer; of the machine within it
 STROKE_m, NEUTRAL_m, REACH_m = 0.2, 0.1, 0.085  # a setpoint may leave neutral by so much

@@ -11,15 +11,13 @@
 | `reference` | motion asked for while the feed-forward comes in |
 | `valve`, `edge_rounding` | identification of the valve: gain, dead band, lag, backlash; rounding of its edges |
 | `valve_edge`, `leak`, `delay` | one direction of the valve; its leak; how much of its lag is delay |
-| `prediction` | setpoint ahead where no preview is given |
 | `demand`, `feedback` | what is asked for at a tick; pressure damping and backlash inverse |
-| `damping_design`, `lateness` | filter of the pressure damping, stable at the load's resonance; a late position transducer |
+| `lateness` | a late position transducer |
 | `chambers`, `chamber_pressures`, `piston_leak` | two chambers on a four-way valve |
-| `loop_feedback` | what the controller's own feedback makes of the motion asked for |
 | `friction`, `stribeck` | identification of load and friction from pressure |
 | `spool`, `inverse` | the spool's lag; inverse of the valve |
-| `taps`, `least_squares` | design of the leads and of the damping filter |
-| `recursive_least_squares`, `arithmetic` | the estimator that all identification uses; bounds and histories |
+| `taps` | design of the leads and of the damping filter |
+| `recursive_least_squares` | the estimator that all identification uses |
 """
 
 from .adaptive import Adaptive, AdaptiveState

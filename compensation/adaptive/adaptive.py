@@ -9,11 +9,12 @@ import numpy as np
 
 from ..compensator import Compensator, Context, Parameters, Sample
 from ..guard import TELLS
-from .layout import LEARNED, STATE, Record, empty
+from ..prediction import prediction_table
+from ..records import Record, empty
+from .layout import LEARNED, STATE
 from .learned import as_dict, fill
 from .legs import AdaptiveLegs
 from .not_engaged import reason
-from .prediction import prediction_table
 from .ranges import refusal
 from .start import finite_from, keep, looks_ahead_s, restore, start
 from .step import DESIGN_WANTED, REJECTED, WORSE, hear_first, tick

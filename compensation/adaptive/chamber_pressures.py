@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from math import sqrt
 
+from ..arithmetic import push
 from ..compiled import compiled
-from .arithmetic import push
-from .layout import PREVIEW_TICKS
+from ..prediction import PREVIEW_TICKS
 
 LEAST_DROP = 0.02  # of the reference drop: lower bound of a pressure drop
 DEVIATION_SHARE = 0.06  # low-pass of the measured deviation, a tick

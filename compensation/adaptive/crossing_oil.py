@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import clip
 from ..compiled import compiled
-from .arithmetic import clip
 from .chambers import pair_flow_m_s, pair_volts
 from .inverse import LEAST_ROUNDING_V, SHARP
 from .layout import CROSSING_TICKS, PATH_AFTER, PATH_BEFORE, PATH_FINE

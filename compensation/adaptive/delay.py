@@ -27,8 +27,8 @@ import math
 
 import numpy as np
 
+from ..arithmetic import clip, copy, dot
 from ..compiled import compiled
-from .arithmetic import clip, copy, dot
 from .chambers import softplus_V
 from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response

@@ -25,9 +25,9 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import clip
 from ..compiled import compiled
 from ..spool_model import set_spool_model
-from .arithmetic import clip
 from .chambers import pair_flow_m_s
 from .layout import TRIM_TICKS
 from .leak import add_to_passage, finish_passage, leak_known, skip_passage, start_passage

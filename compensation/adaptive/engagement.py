@@ -32,13 +32,14 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import clip
 from ..compiled import compiled
-from .arithmetic import clip
+from ..prediction import PREVIEW_TICKS
 from .chambers import compliance_m_Pa
 from .checks import checks_passed, excited_enough, plain_valve_told
 from .edge_rounding import upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s
-from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
+from .layout import DEMANDS, LEAD_TICKS
 from .monitor import add_to_monitor, begin_range, monitor_ready, worse_than_baseline
 from .stroke import far_from_reversal, track_opening
 from .valve import valve_ready

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import clip, dot
 from ..compiled import compiled
-from .arithmetic import clip, dot
+from ..damping_design import next_damping_gain
 from .layout import LEAD_TICKS
 
 BACKLASH_WIDTH_V = 1e-3  # smoothing width of the backlash inverse: half of the travel from one side to the other
 NO_CROSSING_V = 2e-3  # by which the volts behind a backlash may be off before it is crossed
-DAMPING_RECOVERY_S, DAMPING_DECAY = 5.0, 0.98  # of the damping gain; the decay a tick, above half of its bound
 
 
 @compiled
@@ -25,14 +25,6 @@ def damping(state, oil_m_s_Pa, roots):
     u = state.damping_gain * max(oil_m_s_Pa / gain - own, 0.0) * oscillation
     state.damping_gain = next_damping_gain(state.damping_gain, u, limit_V, settings.tick_s)
     return clip(u, -limit_V, limit_V)
-
-
-@compiled
-def next_damping_gain(gain, volts, limit_V, tick_s):
-    """The damping's gain after a tick with its volts: it recovers, and falls as they come near their bound."""
-    if -0.5 * limit_V < volts < 0.5 * limit_V:
-        return gain + (1.0 - gain) * tick_s / DAMPING_RECOVERY_S
-    return gain * DAMPING_DECAY
 
 
 @compiled

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import clip, copy, fill_zero
 from ..compiled import compiled
-from .arithmetic import clip, copy, fill_zero
 from .chambers import compliance_m_Pa
 from .presliding import bristle
 from .recursive_least_squares import bound_influence, reset_covariance, scale_covariance, start_fit, update_fit

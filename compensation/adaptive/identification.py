@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..arithmetic import clip, push
 from ..compiled import compiled
-from .arithmetic import clip, push
 from .chamber_pressures import across_Pa, edge_roots, pair_roots
 from .chambers import compliance_m_Pa
 from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa

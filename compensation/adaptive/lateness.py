@@ -5,8 +5,8 @@ All that is asked for holds for the position as it is measured. Pressure and oil
 
 from __future__ import annotations
 
+from ..arithmetic import push
 from ..compiled import compiled
-from .arithmetic import push
 
 
 @compiled

@@ -7,22 +7,19 @@ allocates nothing. A history is an array, newest first unless its comment says s
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
-Record = Any  # a numpy record of one of the layouts below, which compiled functions read and write in place
+from ..damping_design import MAX_DAMPING_TAPS
+from ..loop_feedback import LOOP
+from ..prediction import MAX_LOOK, PREDICTION, PREVIEW_TICKS
+from ..records import record
 
 FIT_SIZE = 7  # most parameters of a fit
 LEAD_TAPS = 10
-LEAD_TICKS = 5  # by which the lead looks ahead
-PREVIEW_TICKS = LEAD_TICKS + 4  # from now to the tick boundary of the demand
-MAX_SHIFT = 4  # further ticks that a long lag is looked ahead for
-DEMANDS = PREVIEW_TICKS + MAX_SHIFT + 1
+LEAD_TICKS = PREVIEW_TICKS - 4  # by which the lead looks ahead; PREVIEW_TICKS lie up to the tick boundary of the demand
+MAX_SHIFT = MAX_LOOK - PREVIEW_TICKS  # further ticks that a long lag is looked ahead for
+DEMANDS = MAX_LOOK + 1
 PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after it
 PATH = (PATH_BEFORE + PATH_AFTER) * PATH_FINE
 CROSSING_TICKS = 7  # whose oil is reckoned where a spool jumps across an overlap, the third one crosses it
-MAX_DAMPING_TAPS = 16
 RESPONSE = 40  # ticks of the spool's response that a design looks at
 SPOOLS = 17  # of the bank that tells delay from spool
 BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compared, and of volts before them
@@ -33,15 +30,6 @@ LATE_TICKS = 7
 REACH = 16  # ticks on either side of a reversal in which Stribeck friction is looked for
 LENGTHS = 12  # of bristles, of the bank
 BLOCK, APART = 5, 20  # ticks of the performance monitor
-PREDICTORS = 10
-PAST_SETPOINTS = 97
-MAX_LOOK = PREVIEW_TICKS + MAX_SHIFT
-
-
-def record(**fields: Any) -> np.dtype:
-    """A layout: names with "f8", "i8" or another layout, or a pair of it and the shape."""
-    return np.dtype((np.record, [(k, *v) if isinstance(v, tuple) else (k, v) for k, v in fields.items()]))
-
 
 FIT = record(  # recursive_least_squares.py
     theta=("f8", (FIT_SIZE,)), scale=("f8", (FIT_SIZE,)), covariance=("f8", (FIT_SIZE, FIT_SIZE)),
@@ -225,26 +213,11 @@ ENGAGEMENT = record(  # engagement.py
     waited_s="f8",  # for which this leg, ready itself, has waited
     ready_s="f8",  # for which it counts as ready, though a check fails at the last reversal
 )  # fmt: skip
-PREDICTION = record(  # prediction.py
-    look="i8",
-    past_m=("f8", (2 * PAST_SETPOINTS,)),  # ring, twice, so that a stretch is in order
-    place="i8", predicted_m=("f8", (MAX_LOOK, PREDICTORS)), error_m=("f8", (PREDICTORS,)),
-    squares_m2=("f8", (PREDICTORS,)), ahead_m=("f8", (3 * PREDICTORS,)), ticks="i8", straight_ticks="i8", active="i8",
-    offset_m="f8",  # by which packets made the setpoint jump, less what has come in since
-    steady_ticks="i8",  # since it jumped
-    usual_m="f8",  # mean size of the error of one tick
-    started="i8", last_m="f8",  # given at the tick before
-    moved_m="f8",  # in the last tick
-    acceleration_m="f8",  # a tick squared, low-pass
-)  # fmt: skip
 DEMAND = record(  # demand.py: of the tick boundaries to come, the nearest first
     count="i8", pressure_Pa=("f8", (DEMANDS,)),  # P1 - Ps A2/A1
     stribeck_share=("f8", (DEMANDS,)),  # of the Stribeck pressure in it, signed
     acceleration_m_s2=("f8", (DEMANDS,)), position_m=("f8", (DEMANDS,)), oil_m=("f8", (DEMANDS,)),
     velocity_m_s=("f8", (DEMANDS,)), sign=("f8", (DEMANDS,)), step_Pa=("f8", (DEMANDS,)),  # of friction
-)  # fmt: skip
-LOOP = record(  # loop_feedback.py
-    started="i8", position_m="f8", velocity_m_s="f8", pressure_Pa="f8", passed_Pa="f8",
 )  # fmt: skip
 CHAMBERS = record(  # chamber_pressures.py: of a four-way valve
     bottom_Pa="f8", top_Pa="f8", supply_Pa="f8", mean_bottom_Pa="f8", mean_top_Pa="f8",  # now; over the tick past
@@ -263,8 +236,8 @@ SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); dou
     pressure_pole="f8", pressure_share="f8", edge_V="f8", velocity_gain_m_s_V="f8", supply_pressure_Pa="f8",
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
-    triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
     past=("f8", (LEAD_TAPS,)), response=("f8", (RESPONSE,)),
+    triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
@@ -300,18 +273,3 @@ LEARNED = record(
     presliding=record(squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8"),
     plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), follows_V="f8"),
 )  # fmt: skip
-
-
-def kinds(layout: np.dtype) -> list[str]:
-    """ "f8" or "i8" of each number of a layout, in its order."""
-    base, shape = layout.base, layout.shape
-    if base.names:
-        one = [kind for name in base.names for kind in kinds(base[name])]
-    else:
-        one = [base.str[1:]]
-    return one * int(np.prod(shape, dtype=int))
-
-
-def empty(layout: np.dtype) -> Record:
-    """A record of a layout, all zero."""
-    return np.zeros(1, layout)[0]

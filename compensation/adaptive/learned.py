@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .layout import SPOOLS, Record
+from ..records import Record
+from .layout import SPOOLS
 
 
 def as_dict(record: Record) -> dict[str, Any]:

@@ -10,8 +10,8 @@ import numpy as np
 from ..compiled import compiled
 from ..guard import TELLS
 from ..legs import Legs, tell
+from ..prediction import prediction_table
 from .layout import STATE
-from .prediction import prediction_table
 from .start import finite_from
 from .step import DESIGN_WANTED, expect, tick_of
 from .taps import design

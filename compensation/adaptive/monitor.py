@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import push
 from ..compiled import compiled
-from .arithmetic import push
 from .layout import APART, BLOCK
 
 FIRST, SECOND, THIRD = BLOCK - 1, 2 * BLOCK - 1, 3 * BLOCK - 1  # oldest position of each block

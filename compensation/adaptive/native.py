@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from ..compiled import compiled
+from ..damping_design import MAX_DAMPING_TAPS
 from ..native import Native
+from ..prediction import prediction_table
 from .adaptive import Adaptive, AdaptiveState
-from .layout import LEARNED, MAX_DAMPING_TAPS, SETTINGS, STATE
+from .layout import LEARNED, SETTINGS, STATE
 from .learned import as_dict, fill
-from .prediction import prediction_table
 from .ranges import refused_parameter
 from .start import finite_from, keep, restore, start
 from .step import expect, hear, tick_of

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from ..records import Record
 from .checks import ENABLE_RATIO, MAX_CLOSED_SHARE, plain_valve_told
 from .edge_rounding import explains_reversals, jumps, reversals_seen
 from .engagement import MIN_OPEN_S
 from .friction import MIN_WINDOWS as FRICTION_WINDOWS
 from .friction import friction_ready, resonance_of_load_Hz, step_acceleration_m_s2
-from .layout import Record
 from .monitor import bump_noise_m_s2, least_bump_m_s2, monitor_ready, noise_range, plain_bump_m_s2, worth_crossing
 from .valve import MAX_CROSSING_V_S, crossing_in_time, lags_agree, overlap_V, valve_ready
 from .valve_edge import (

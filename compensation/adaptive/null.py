@@ -12,8 +12,8 @@ both are open it counts twice, as across an overlap it does not count at all (le
 
 from __future__ import annotations
 
+from ..arithmetic import clip
 from ..compiled import compiled
-from .arithmetic import clip
 from .valve import overlap_V, restart_window, valve_usable
 from .valve_edge import MAX_DEAD_BAND_V, begin_edge, edge_V, shift_edge
 

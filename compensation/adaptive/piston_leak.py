@@ -12,8 +12,8 @@ A symmetric cylinder hardly has such a change but by its mass: there it comes sl
 
 from __future__ import annotations
 
+from ..arithmetic import clip
 from ..compiled import compiled
-from .arithmetic import clip
 
 MEAN_SHARE = 0.05  # low-pass of the mean pressure, a window
 MEMORY = 0.995  # of the sum, a window

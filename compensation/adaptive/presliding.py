@@ -24,8 +24,8 @@ import math
 
 import numpy as np
 
+from ..arithmetic import copy, push
 from ..compiled import compiled
-from .arithmetic import copy, push
 from .layout import LENGTHS, REACH
 
 LENGTHS_M = 1e-6 * np.array([0.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0, 38.0, 52.0, 71.0, 98.0, 135.0])  # (LENGTHS,)

@@ -10,10 +10,11 @@ import math
 import numpy as np
 
 from ..compiled import compiled
+from ..records import Record, kinds
 from .delay import MAX_SUM, MEMORY
 from .edge_rounding import MAX_ROUNDING_V, PAIR
 from .friction import MAX_HALF_STEP_MPA, MIN_WINDOWS
-from .layout import LEARNED, Record, kinds
+from .layout import LEARNED
 from .leak import MAX_LEAK_M_S
 from .spool import LAG_MAX_S
 from .valve_edge import MAX_BACKLASH_V, MAX_DEAD_BAND_V, MAX_GAIN, MIN_GAIN

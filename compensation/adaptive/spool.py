@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
+from ..arithmetic import clip
 from ..compiled import compiled
 from ..spool_model import free_motion
-from .arithmetic import clip
 from .layout import MAX_SHIFT, PATH_BEFORE, PATH_FINE
 
 LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made

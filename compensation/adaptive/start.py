@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import compiled
+from ..prediction import PREVIEW_TICKS, start_prediction
+from ..records import kinds
 from .delay import keep_delay, restore_delay, start_delay
 from .demand import stretch_demands
 from .edge_rounding import lower_bound_V, restore_rounding, start_rounding
 from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import PAIR_POSITION_PRIOR, POSITION_PRIOR, keep_friction, restore_friction, start_friction
 from .identification import want_design
-from .layout import MAX_SHIFT, PREVIEW_TICKS, STATE, kinds
+from .layout import MAX_SHIFT, STATE
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
 from .noise import position_error_m, set_noises
 from .null import has_underlap
-from .prediction import start_prediction
 from .presliding import keep_presliding, restore_presliding
 from .spool import look_ahead_shift, round_lag
 from .stribeck import MOST_WEIGHT

@@ -18,9 +18,11 @@ docs/compensation_derivation.md derives it.
 
 from __future__ import annotations
 
+from ..arithmetic import clip, dot, push
 from ..compiled import compiled
 from ..guard import TELLS
-from .arithmetic import clip, dot, push
+from ..loop_feedback import fed_back_V
+from ..prediction import PREVIEW_TICKS, predict, watch_setpoint
 from .chamber_pressures import edge_roots, measure_pressures, roots_ahead
 from .chambers import compliance_m_Pa, equivalent_Pa
 from .crossing_oil import settle_crossing, stay_on_side
@@ -33,11 +35,9 @@ from .friction import demanded_pressure, missing_step_Pa
 from .identification import identify
 from .inverse import advance_inverse
 from .lateness import due_pressure_Pa
-from .layout import LEAD_TAPS, PREVIEW_TICKS
+from .layout import LEAD_TAPS
 from .leak import leak_at_m_s
-from .loop_feedback import fed_back_V
 from .piston_leak import leaked_across_m_s
-from .prediction import predict, watch_setpoint
 from .reference import advance_reference, expect_load
 from .trust import watch_turns
 from .valve import valve_rejected

@@ -19,8 +19,8 @@ import math
 
 import numpy as np
 
+from ..arithmetic import clip, dot, push
 from ..compiled import compiled
-from .arithmetic import clip, dot, push
 from .layout import REACH
 
 MIN_RATE = 0.1  # of the correction taken up at a reversal, from the tenth on

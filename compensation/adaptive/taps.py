@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import dot, fill_zero, push
 from ..compiled import compiled
-from .arithmetic import dot, fill_zero, push
-from .damping_design import damping_filter
+from ..damping_design import damping_filter
+from ..least_squares import add_row, solve, start_least_squares
 from .layout import LEAD_TAPS, LEAD_TICKS, PATH_AFTER, PATH_BEFORE, PATH_FINE, RESPONSE
-from .least_squares import add_row, solve, start_least_squares
 from .spool import round_lag, step_response
 
 FREE_TICKS = 0.75  # on either side of the crossing in which the spool's path is nearly free, with FREE_WEIGHT

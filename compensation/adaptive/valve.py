@@ -23,8 +23,8 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import clip, push
 from ..compiled import compiled
-from .arithmetic import clip, push
 from .piston_leak import tell_piston_leak
 from .recursive_least_squares import scale_covariance
 from .spool import mean_over_lag

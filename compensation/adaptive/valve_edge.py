@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ..arithmetic import clip
 from ..compiled import compiled
-from .arithmetic import clip
 from .recursive_least_squares import inflate, reset_covariance, shift_fit, start_fit, update_fit
 
 START_GAIN = 0.1  # [m/s/V], a start value only

@@ -1,17 +1,16 @@
 """Damping of the oil column: oil is let out in proportion to the pressure's oscillation about the model's.
 
 At each leg that takes energy out of whatever the platform's legs do together, so that the modes need not be known; the filter makes
-up for the valve's lag (adaptive/damping_design.py), which is that of the identified leg.
+up for the valve's lag (damping_design.py), which is that of the identified leg.
 """
 
 from __future__ import annotations
 
 from math import pi, sqrt
 
-from ..adaptive.arithmetic import clip, dot, push
-from ..adaptive.damping_design import damping_filter
-from ..adaptive.feedback import next_damping_gain
+from ..arithmetic import clip, dot, push
 from ..compiled import compiled
+from ..damping_design import damping_filter, next_damping_gain
 from .leg import (
     AIR,
     AMP_LAG,

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..adaptive.layout import empty
-from ..adaptive.prediction import prediction_table
 from ..compensator import Compensator, Context, Parameters, Sample
 from ..compiled import compiled
 from ..knowledge import Knowledge
+from ..prediction import prediction_table
+from ..records import Record, empty
 from .damping import design_damping
 from .estimator import FEWEST, KNOWN_LEG
 from .known import knowledge_of
-from .layout import STATE, Record
+from .layout import STATE
 from .learned import LEARNED, PRIOR, as_dict, fill, keep, missing, refusal, restore
 from .legs import EstimatedLegs
 from .step import SAY_TICKS, hear_leg, start, tick_of

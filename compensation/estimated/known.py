@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..knowledge import Estimate, Knowledge
+from ..records import Record
 from .estimator import KNOWN_LEG
-from .layout import Record
 from .leg import (
     COULOMB_DN,
     COULOMB_UP,

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from ..adaptive.layout import DESIGN, LOOP, MAX_DAMPING_TAPS, PREDICTION, record
 from ..compensator import MOST_LEGS
+from ..damping_design import MAX_DAMPING_TAPS, WORK
+from ..loop_feedback import LOOP
+from ..prediction import PREDICTION
+from ..records import record
 from .fit import LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_STATES
 
-Record = Any
 HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and where it may begin earlier
 WINDOWS, WAITING = 10, 3  # windows that the fit sees; that wait for the end of a pass
 MOST_DELAY = 6  # whole ticks of a valve's delay
@@ -82,7 +82,7 @@ EXPECTED = record(
 DAMPING = record(
     tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design
     taps=(f, (MAX_DAMPING_TAPS,)), deviation_Pa=(f, (MAX_DAMPING_TAPS,)), expected_Pa=(f, (MOST_DELAY + 1,)), gain=f, lag_s=f, wanted=i,
-    work=DESIGN,
+    work=WORK,
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (MOST_LEGS,)), others=(f, (MOST_LEGS, N_NUMBERS)),

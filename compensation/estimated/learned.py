@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..adaptive.layout import record
 from ..compensator import Parameters
 from ..compiled import compiled
+from ..records import Record, record
 from .estimator import HEATS
 from .fit import N_COLUMNS, variances
-from .layout import Record
-from .leg import HOLD, N_NUMBERS, NAMES
+from .leg import COULOMB_DN, COULOMB_UP, HOLD, N_NUMBERS, NAMES, STATIC_DN, STATIC_UP
 from .prior import fill_prior, restore_prior
 
 N_FACTOR = N_NUMBERS * (N_NUMBERS + 1) // 2
@@ -20,7 +19,10 @@ LEARNED = record(
     numbers=(f, (N_NUMBERS,)), scale=(f, (N_NUMBERS,)),  # sd of the fit's units
     factor=(f, (N_FACTOR,)), chi2=(f, (2,)), noise=(f, (2,)),  # lower factor of the information, row by row; misfits; m, Pa
 )  # fmt: skip
-SCALE, FACTOR, NOISE = (LEARNED.fields[name][1] // 8 for name in ("scale", "factor", "noise"))  # type: ignore[index]
+SCALE, FACTOR, CHI2, NOISE = (LEARNED.fields[name][1] // 8 for name in ("scale", "factor", "chi2", "noise"))  # type: ignore[index]
+MOST_SCALE = 1e6  # over the prior's: of a data sheet that says other volts and forces than this one by a thousand
+MOST_FACTOR = 1e8  # in units of scale: beyond 1/sqrt(eps) the prior is lost beside its square
+MOST_CHI2 = 1e16  # of a piston that is a stroke from where it is expected
 PRIOR = record(  # what `fill_prior` fills of a fit, in another order: a layout that another begins with is the same to numba
     mass_over_hold=f, mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)),
     scale=(f, (N_COLUMNS,)),
@@ -77,19 +79,31 @@ def refused_number(known, settings, prior):
         any_scale = any_scale or known[SCALE + k] != 0.0
     if not any_scale:
         return 0
+    force_N = settings.area_bottom_m2 * settings.supply_pressure_Pa
     fill_prior(prior, settings, known[HOLD])
+    for k in (HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN):
+        prior.low[k], prior.high[k] = max(prior.low[k], -force_N), min(prior.high[k], force_N)
+    if not prior.low[HOLD] <= known[HOLD] <= prior.high[HOLD]:
+        return 1 + HOLD
     for k in range(N_NUMBERS):
         if not prior.low[k] <= known[k] <= prior.high[k]:
             return 1 + k
-        if not known[SCALE + k] > 0.0:
+        if not 0.0 < known[SCALE + k] <= MOST_SCALE * prior.sd[k]:
             return 1 + SCALE + k
+    for place in range(FACTOR, CHI2):
+        if not abs(known[place]) <= MOST_FACTOR:
+            return 1 + place
     for k in range(N_NUMBERS):
         diagonal = FACTOR + k * (k + 3) // 2
         if not known[diagonal] > 0.0:
             return 1 + diagonal
     for i in range(2):
-        if not known[NOISE + i] > 0.0:
-            return 1 + NOISE + i
+        if not 0.0 <= known[CHI2 + i] <= MOST_CHI2:
+            return 1 + CHI2 + i
+    if not 0.0 < known[NOISE] <= settings.stroke_m:
+        return 1 + NOISE
+    if not 0.0 < known[NOISE + 1] <= settings.supply_pressure_Pa:
+        return 1 + NOISE + 1
     return 0
 
 
@@ -103,8 +117,15 @@ def refusal(known: Any, settings: Record, prior: Record) -> str:
         low, high = prior.low[place], prior.high[place]
         return f"numbers.{NAMES[place]} is {numbers[place]:g}; it must lie between {low:g} and {high:g}"
     if place < FACTOR:
-        return f"scale.{NAMES[place - SCALE]} is {numbers[place]}; it must be above zero"
-    return "the factor's diagonal and both noises must be above zero"
+        most = MOST_SCALE * prior.sd[place - SCALE]
+        return f"scale.{NAMES[place - SCALE]} is {numbers[place]:g}; it must lie between 0 and {most:g}"
+    name, first = next(
+        (name, first) for name, first in (("noise", NOISE), ("chi2", CHI2), ("factor", FACTOR)) if place >= first
+    )
+    return (
+        f"{name}[{place - first}] is {numbers[place]:g}; the factor's diagonal and both noises must be above zero, misfits not "
+        "below, and none beyond what a machine can give"
+    )
 
 
 def as_dict(learned: Record) -> Parameters:

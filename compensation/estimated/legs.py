@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..adaptive.prediction import prediction_table
 from ..compiled import compiled
 from ..legs import Legs
+from ..prediction import prediction_table
 from .damping import design_damping
 from .layout import STATE
 from .step import SAY_TICKS, hear_leg, tick_of

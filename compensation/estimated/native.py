@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..adaptive.layout import record
-from ..adaptive.prediction import prediction_table
 from ..compensator import MOST_LEGS, Context
 from ..compiled import compiled
 from ..guard import TELLS
 from ..native import Native
+from ..prediction import prediction_table
+from ..records import record
 from .damping import design_damping
 from .estimated import Estimated, EstimatedState
 from .layout import SETTINGS, STATE

@@ -14,10 +14,9 @@ from __future__ import annotations
 
 from math import pi, sin, sqrt
 
-from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
-from ..adaptive.loop_feedback import fed_back_V
-from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
+from ..loop_feedback import fed_back_V
+from ..prediction import MAX_LOOK, PREVIEW_TICKS, predict, start_prediction, watch_setpoint
 from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, watch, watch_legs, work
 from .fit import forward

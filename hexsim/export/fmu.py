@@ -21,6 +21,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from compensation.guard import TELLS
 from compensation.native import native as native_compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
@@ -28,18 +29,18 @@ from hexsim.export import mujoco_library, native
 from hexsim.export.compensator import compensator_object, settings_of
 from hexsim.export.model_description import model_description
 from hexsim.export.toolchain import SYSTEMS
-from hexsim.export.variables import OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, variables_of
+from hexsim.export.variables import COMPENSATOR, OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, variables_of
 from hexsim.files.atomic import written_whole
 from hexsim.hydraulics.chamber import VAPOUR
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.steps import LONGEST_S
 from hexsim.motion_computer.controller import N_MEMORY
 from hexsim.motion_computer.data_sheet import compensator_context
+from hexsim.motion_computer.leg_load import SPAN, ExpectedLoad
 from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.states import ROW, A
 
-COMPENSATOR = "adaptive"  # that plant.c calls
 DELAYED_COMMANDS = 1024  # that an instance remembers where a valve is late
 COMMUNICATION_STEP_S = 0.002  # proposed to the tool
 TAKES = {
@@ -50,9 +51,10 @@ TAKES = {
 
 def export_fmu(
     machine: Machine, out: Path, *, model: ModelKind = "full", timestep: float | None = None, fmi: Literal[2, 3] = 2,
-    windows: bytes | None = None, what: Literal["plant", "machine"] = "plant",
+    windows: bytes | None = None, what: Literal["plant", "machine"] = "plant", compensator: str = COMPENSATOR,
 ) -> Variables:  # fmt: skip
-    """Write `machine` as an FMU; return its variables. what: the plant alone, or with the motion computer's controllers.
+    """Write `machine` as an FMU; return its variables. what: the plant alone, or with the motion computer's controllers and
+    compensator.
 
     model: full legs, or the tendon model. timestep [s] of the integration, constant; None: chosen by the rule of
     `hydraulics.steps`, without the error of each step.
@@ -62,7 +64,7 @@ def export_fmu(
     if timestep is not None and not 1e-6 <= timestep <= 1e-3:
         raise HexsimError(f"a time step of {timestep:g} s: 1e-6 to 1e-3 is possible")
     plant = Plant(machine, model=model, timestep=timestep)
-    variables = variables_of(plant, what)
+    variables = variables_of(plant, what, compensator)
     identifier = re.sub(r"\W", "_", f"hexsim_{machine.name}", flags=re.ASCII)
     library = mujoco_library.linux_library()
     systems = [SYSTEMS[name] for name in ("linux64", "win64")[: 1 if windows is None else 2]]
@@ -70,12 +72,16 @@ def export_fmu(
         folder = Path(name)
         mujoco.mj_saveModel(plant.model, str(folder / "model.mjb"), None)
         equations = native.equations(plant) | (native.loop_equations(plant) if what == "machine" else {})
+        if feels_legs(plant, what, compensator):
+            equations |= {"watch_legs": native.watch_legs(plant)}
         compiled = [native.objects(equations, system, folder) for system in systems]
         if what == "machine":
             for system, (objects, _) in zip(systems, compiled, strict=True):
                 objects.append(folder / f"compensator.{system.name}.o")
-                objects[-1].write_bytes(compensator_object(COMPENSATOR, system, exported=False))
-        header = machine_header(plant, variables, what, sorted({name for _, missing in compiled for name in missing}))
+                objects[-1].write_bytes(compensator_object(compensator, system, exported=False))
+        header = machine_header(
+            plant, variables, what, compensator, sorted({name for _, missing in compiled for name in missing})
+        )
         made = [path.read_bytes() for objects, _ in compiled for path in objects]
         digest = hashlib.sha256(b"".join([header.encode(), (folder / "model.mjb").read_bytes(), *made])).hexdigest()
         (folder / "machine.h").write_text(f'#define TOKEN "{digest}"\n{header}')
@@ -102,6 +108,11 @@ def export_fmu(
     return variables
 
 
+def feels_legs(plant: Plant, what: str, compensator: str) -> bool:
+    """Whether the FMU's compensators must be given what all legs of the platform do."""
+    return what == "machine" and plant.kinematics.has_platform and native_compensator(compensator).algorithm.feels_legs
+
+
 def _write(out: Path, contents: dict[str, bytes]) -> None:
     """The archive, whole or not at all."""
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -110,22 +121,27 @@ def _write(out: Path, contents: dict[str, bytes]) -> None:
             archive.writestr(name, content)
 
 
-def machine_header(plant: Plant, variables: Variables, what: str, missing: list[str]) -> str:
+def machine_header(plant: Plant, variables: Variables, what: str, compensator: str, missing: list[str]) -> str:
     """machine.h: what the C source must know of this machine. missing: functions of numba's error paths."""
     delay, supply, rule = plant.rows[:, P.VALVE_DELAY], plant.resolved.supply, plant.step_rule()
     along = np.take(plant.kinematics.jacobian(np.zeros(6)), plant.kinematics.dof_places, axis=1)
     changes = [(k, c) for k, p in enumerate(variables.parameters) for c in p.changes if c.actuator < len(plant.layout)]
-    settings = [settings_of(COMPENSATOR, compensator_context(plant.machine, None, i + 1)) for i in range(plant.n_legs)]
+    made, load = native_compensator(compensator), ExpectedLoad.of(plant.resolved)
+    contexts = [compensator_context(plant.machine, None, leg, load) for leg in range(1, plant.n_legs + 1)]
+    seen = 2 * SPAN * plant.n_legs if feels_legs(plant, what, compensator) else 0
+    settings = [settings_of(compensator, context) for context in contexts]
     numbers = _places(plant, variables) | {
         "IS_MACHINE": int(what == "machine"), "TICK": 1.0 / plant.machine.controller.rate_Hz, "N_MEMORY": N_MEMORY,
         "N_INPUTS": len(variables.inputs), "RING": DELAYED_COMMANDS if delay.any() else 2,
         "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
-        "COMPENSATOR_SIZE": native_compensator(COMPENSATOR).size if what == "machine" else 1, "N_SETTINGS": len(settings[0]),
+        "COMPENSATOR_SIZE": made.size if what == "machine" else 1, "N_SETTINGS": len(settings[0]),
+        "HAS_DESIGN": int(made.design is not None), "N_SEEN": seen, "TELLS": TELLS,
         "COMPENSATOR_PARAMETER": len(variables.parameters) - 1,
     }  # fmt: skip
     kinds = ", ".join(OUTPUT_KINDS.values())
     lines = [
         *(f"#define {name} ({value!r})" for name, value in numbers.items()),
+        f"#define COMPENSATOR(function) hexsim_{compensator}_##function",
         f"typedef enum {{{kinds}}} OutputKind;",
         "typedef struct {OutputKind kind; int index;} Output;",
         "typedef struct {int parameter, actuator, place; double start, slope, offset;} Change;",
@@ -154,6 +170,7 @@ def machine_header(plant: Plant, variables: Variables, what: str, missing: list[
                 ("INPUT_START", [start for *_, start in variables.inputs]),
             )
         ),
+        _array("unsigned char ALIKE", (str(int(own == other)) for own in contexts for other in contexts)),
         _array("unsigned char MODEL", ['\n#embed "model.mjb"\n']),
         f"#define STUBS {' '.join(f'STUB({name})' for name in missing)}",
     ]

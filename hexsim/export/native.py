@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numba import carray, cfunc, njit, types
 
+from compensation.compensator import MEASURED_TICKS
 from hexsim.compiled import compiled, with_code
 from hexsim.errors import HexsimError
 from hexsim.export.toolchain import ERROR_PATHS, System, compile_and_link, module_of, target_machine
@@ -32,7 +33,9 @@ from hexsim.motion_computer.controller import (
     saturated,
     smoothed,
 )
+from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.motion_computer.declared_control import control_of
+from hexsim.motion_computer.leg_load import SLOPE, SPAN, ExpectedLoad, PoseLoad
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import native_callbacks
 from hexsim.plant.states import ROW
@@ -152,6 +155,61 @@ def loop_equations(plant: Plant) -> dict[str, Any]:
         return 0.0
 
     return {"control": control_tick, "command": command}
+
+
+def watch_legs(plant: Plant) -> Any:
+    """What compensators of a platform's legs feel, as `PositionLoop`: of MEASURED_TICKS ago the mobility over each leg's own
+    (n_legs, n_legs), the load by pose and speeds, forces and speeds (n_legs,). seen (SPAN, 2, n_legs): positions and forces."""
+    number, pointer, machine, n = types.float64, types.CPointer(types.float64), plant.machine, plant.n_legs
+    load = ExpectedLoad.of(plant.resolved)
+    assert load is not None  # a platform
+    by_pose, tick_s = PoseLoad.of(plant.resolved, load), 1.0 / machine.controller.rate_Hz
+    contexts = [compensator_context(machine, None, leg, load) for leg in range(1, n + 1)]
+    bottom_m2, top_m2 = (
+        np.array([getattr(one, name) for one in contexts]) for name in ("area_bottom_m2", "area_top_m2")
+    )
+    four_way, neutral, mobility_0, stiffness = contexts[0].four_way, load.neutral, load.mobility, load.stiffness
+    by_place, bend, drift = (np.ascontiguousarray(one) for one in (by_pose.by_place, by_pose.bend, by_pose.drift))
+    slope, span, middle = SLOPE / tick_s, SPAN, MEASURED_TICKS
+
+    @cfunc(types.void(*[pointer] * 9, number), error_model="numpy")
+    def watch(places, bottoms, tops, supply, history, moves, poses, pushes, rates, is_first):
+        seen, mobility, pose = carray(history, (span, 2, n)), carray(moves, (n, n)), carray(poses, (n,))
+        forces, speeds = carray(pushes, (n,)), carray(rates, (n,))
+        for _ in range(span if is_first > 0.0 else 1):
+            for t in range(span - 1):
+                for i in range(n):
+                    seen[t, 0, i], seen[t, 1, i] = seen[t + 1, 0, i], seen[t + 1, 1, i]
+            for i in range(n):
+                top_Pa = tops[i] if four_way else supply[0]
+                seen[span - 1, 0, i], seen[span - 1, 1, i] = places[i], bottoms[i] * bottom_m2[i] - top_Pa * top_m2[i]
+        for i in range(n):
+            forces[i], speeds[i] = seen[middle, 1, i], 0.0
+            for t in range(span):
+                speeds[i] += slope[t] * seen[t, 0, i]
+        for i in range(n):
+            for j in range(n):
+                mobility[i, j] = mobility_0[i, j]
+                for k in range(n):
+                    mobility[i, j] += by_place[i, j, k] * (seen[middle, 0, k] - neutral[k])
+        for i in range(n):
+            pose[i] = 0.0
+            for j in range(n):
+                held, own = 0.0, 0.0
+                for k in range(n):
+                    away, bent = seen[middle, 0, k] - neutral[k], 0.0
+                    for m in range(n):
+                        bent += bend[j, k, m] * (seen[middle, 0, m] - neutral[m])
+                    held += (stiffness[j, k] + bent) * away
+                    own += drift[i, j, k] * speeds[k]
+                pose[i] += mobility[i, j] * held - own * speeds[j]
+        for i in range(n):
+            own = mobility[i, i]
+            pose[i] /= own
+            for j in range(n):
+                mobility[i, j] /= own
+
+    return watch
 
 
 def _reading(sensor: Any) -> tuple[Any, ...]:

@@ -165,7 +165,7 @@ Status start(Instance *c) {
   memset(c->now.volts, 0, sizeof c->now.volts);
   memset(c->now.commanded, 0, sizeof c->now.commanded);
 #if IS_MACHINE
-  for (int i = 0; i < N_LEGS; i++) hexsim_adaptive_init(c->now.compensators[i], COMPENSATOR_SETTINGS + i * N_SETTINGS);
+  for (int i = 0; i < N_LEGS; i++) COMPENSATOR(init)(c->now.compensators[i], COMPENSATOR_SETTINGS + i * N_SETTINGS);
 #endif
   c->now.commands = c->now.calm_s[0] = 0;
   c->now.is_started = 1;
@@ -293,18 +293,25 @@ static void control(Instance *c) {
   supply = output(c, SUPPLY, 0);
   hexsim_control(now->inputs, position, bottom, top, &supply, now->memory, now->setpoints, path, forward, asked,
                  now->commands == 0);
+#if N_SEEN
+  double mobility[N_LEGS * N_LEGS], load[N_LEGS], force[N_LEGS], speed[N_LEGS];
+  hexsim_watch_legs(position, bottom, top, &supply, now->seen, mobility, load, force, speed, now->commands == 0);
+#endif
   for (int i = 0; i < N_LEGS && now->parameters[COMPENSATOR_PARAMETER] > 0; i++) {
-    int told = hexsim_adaptive_step(now->compensators[i], path[i], path + N_LEGS + i, 1, position[i], asked[i], forward[i],
-                                    now->commanded[i], bottom[i], top[i], supply, &added);
-    if (told & 1) hexsim_adaptive_design(now->compensators[i]);
-    tells[i] = told & 128;
+#if N_SEEN
+    COMPENSATOR(feel)(now->compensators[i], load[i], mobility + i * N_LEGS, force, speed, N_LEGS);
+#endif
+    int told = COMPENSATOR(step)(now->compensators[i], path[i], path + N_LEGS + i, 1, position[i], asked[i], forward[i],
+                                 now->commanded[i], bottom[i], top[i], supply, &added);
+#if HAS_DESIGN
+    if (told & 1) COMPENSATOR(design)(now->compensators[i]);
+#endif
+    tells[i] = told & TELLS;
     asked[i] += added;
   }
   for (int i = 0; i < N_LEGS; i++) /* legs that are alike learn from each other */
     for (int j = 0; j < N_LEGS && tells[i]; j++)
-      if (j != i && !memcmp(COMPENSATOR_SETTINGS + i * N_SETTINGS, COMPENSATOR_SETTINGS + j * N_SETTINGS,
-                            N_SETTINGS * sizeof(double)))
-        hexsim_adaptive_hear(now->compensators[j], now->compensators[i]);
+      if (j != i && ALIKE[i * N_LEGS + j]) COMPENSATOR(hear)(now->compensators[j], now->compensators[i]);
   hexsim_command(now->memory, asked, now->commanded, now->volts);
 }
 

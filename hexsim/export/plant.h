@@ -49,6 +49,7 @@ typedef struct {
   double memory[IS_MACHINE ? N_LEGS * N_MEMORY : 1]; /* what the controllers remember */
   double compensators[IS_MACHINE ? N_LEGS : 1][COMPENSATOR_SIZE]; /* what the compensators remember, */
   double commanded[N_LEGS];    /* and the volts before the computing delay */
+  double seen[N_SEEN + 1];     /* positions and forces of the legs of late */
   double spool_volts[N_LEGS];  /* after delay and hysteresis */
   double apart[N_LEGS];        /* the valves' two plays */
   double past[RING][N_LEGS];   /* the last commands that differ, */
@@ -88,11 +89,15 @@ double hexsim_choose(const double *user, const double *act, const double *ctrl, 
 double hexsim_control(const double *inputs, double *position, double *bottom, const double *top, double *supply, double *memory,
                       double *setpoints, double *path, double *forward, double *asked, double is_first);
 double hexsim_command(double *memory, const double *asked, double *commanded, double *volts);
-int hexsim_adaptive_init(double *state, const double *settings);
-int hexsim_adaptive_step(double *state, double setpoint, const double *preview, int count, double position, double control,
-                         double forward, double valve, double bottom, double top, double supply, double *added);
-void hexsim_adaptive_design(double *state);
-void hexsim_adaptive_hear(double *state, const double *other);
+int COMPENSATOR(init)(double *state, const double *settings);
+int COMPENSATOR(step)(double *state, double setpoint, const double *preview, int count, double position, double control,
+                      double forward, double valve, double bottom, double top, double supply, double *added);
+void COMPENSATOR(design)(double *state);                                      /* where it HAS_DESIGN */
+void COMPENSATOR(hear)(double *state, const double *other);
+/* What a platform's legs do together, where the compensators are given it: N_SEEN. */
+void COMPENSATOR(feel)(double *state, double load, const double *mobility, const double *forces, const double *speeds, int count);
+void hexsim_watch_legs(const double *position, const double *bottom, const double *top, const double *supply, double *seen,
+                       double *mobility, double *load, double *forces, double *speeds, double is_first);
 
 /* plant.c */
 Status refuse(const Instance *c, const char *format, ...); /* through the logger; gives ERROR */

@@ -52,7 +52,7 @@ OUTPUT_KINDS = {
     "setpoint": "SETPOINT",
 }
 LOOP_KINDS = ("VALVE", "SETPOINT")  # of a motion computer
-COMPENSATOR = "compensator.adaptive"  # its parameter: 1 switches compensation on
+COMPENSATOR = "adaptive"  # the algorithm inside
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +98,7 @@ class Variables:
     parameters: tuple[Parameter, ...]
 
 
-def variables_of(plant: Plant, what: Literal["plant", "machine"]) -> Variables:
+def variables_of(plant: Plant, what: Literal["plant", "machine"], compensator: str = COMPENSATOR) -> Variables:
     """Of this machine: what it has not (a rod side of its own, a platform) is no output.
 
     plant: volts in. machine: the pose from neutral in, or the position of a bench's piston; volts and the legs' setpoints
@@ -118,7 +118,11 @@ def variables_of(plant: Plant, what: Literal["plant", "machine"]) -> Variables:
         inputs = [(BENCH_COLUMN, label_of(BENCH_COLUMN), float(plant.kinematics.neutral_positions[0]))]
         outputs = [output for output in outputs if output.kind != "SETPOINT"]
     switch = Parameter(
-        name=COMPENSATOR, description="adaptive compensation of valve and friction, 1 on", start=0.0, low=0.0, high=1.0
+        name=f"compensator.{compensator}",
+        description="adaptive compensation of valve and friction, 1 on",
+        start=0.0,
+        low=0.0,
+        high=1.0,
     )
     parameters = (*_parameters(plant), *([switch] if what == "machine" else []))
     return Variables(inputs=tuple(inputs), outputs=tuple(outputs), parameters=parameters)

@@ -7,13 +7,13 @@ A leg's request is a text, and goes in pieces that fit one frame of any network.
     6       uint16    legs of the machine
     8       uint16    piece, from 0
     10      uint16    pieces of the text: its bytes over 1200, rounded up
-    12      uint32    bytes m of the whole text, at most 8192
+    12      uint32    bytes m of the whole text, at most 32768
     16      uint32    CRC-32 of the whole text
     20      bytes     of the text: 1200, in the last piece the rest
 Text: JSON, UTF-8: {"compensator": name, "parameters": {...}}, a leg's entry of `learned.json`
 
 Pieces of a leg are put together in any order. One of another text (legs, size or CRC differ) begins the leg anew, so that six
-texts of 8192 bytes are all that a machine keeps.
+texts of 32768 bytes are all that a machine keeps.
 
 The machine takes it in off, or standing in neutral, once the pieces of all legs are there; bit 4 of its reply says that
 a compensator is in the loop, bit 1 that it refuses. The host sends again what is not answered: a repetition does no harm.
@@ -37,7 +37,7 @@ HEADER = struct.Struct("<4sHHHHII")
 MAGIC = b"HXP2"
 PIECE = 1200  # bytes of text; with the header and UDP's within the 1280 bytes that any IPv6 network takes whole
 LARGEST = HEADER.size + PIECE
-LONGEST = 8192  # bytes of a text
+LONGEST = 32768  # bytes of a text: 1200 numbers of 24 digits and signs, comma and space, and some names
 MOST_LEGS = 6
 
 

@@ -11,8 +11,10 @@ from compensation import Compensator, Sample, preview_count
 from compensation.started import Started
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError, shortened
+from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.data_sheet import compensator_context
+from hexsim.motion_computer.leg_load import ExpectedLoad
 
 
 class AskedCompensators:
@@ -58,7 +60,7 @@ class AskedCompensators:
         """A leg's algorithm, tried for one tick, which also compiles it."""
         try:
             made = Started(compensation.create_built_in(asked.name), asked.parameters)
-            context = compensator_context(self.machine, None, asked.leg)
+            context = compensator_context(self.machine, None, asked.leg, ExpectedLoad.of(resolve(self.machine)))
             half, supply = 0.5 * context.stroke_m, context.supply_pressure_Pa
             made.step(
                 made.start(context),

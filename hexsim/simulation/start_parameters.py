@@ -10,7 +10,9 @@ from compensation import Compensator
 from compensation.started import Started
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer.data_sheet import compensator_context
+from hexsim.motion_computer.leg_load import ExpectedLoad
 
 SUFFIX = ".json"
 
@@ -38,9 +40,10 @@ def started(path: Path, machine: Machine) -> tuple[str, list[Compensator]]:
         ) from None
     if len(made) != machine.n_legs:
         raise HexsimError(f"{path} is for {len(made)} legs; {machine.name} has {machine.n_legs}: tune that machine")
+    load = ExpectedLoad.of(resolve(machine))
     for leg, one in enumerate(made, 1):
         try:
-            one.start(compensator_context(machine, None, leg))
+            one.start(compensator_context(machine, None, leg, load))
         except (ValueError, TypeError, LookupError, ArithmeticError) as error:
             raise HexsimError(f"{path}, leg {leg}: {error}") from None
     return name, made

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from designs import usual
 
-from compensation.adaptive.arithmetic import push
 from compensation.adaptive.layout import PRESLIDING, REACH
 from compensation.adaptive.presliding import add_to_presliding, bristle, update_presliding
+from compensation.arithmetic import push
 
 
 def length_found_m(length_m: float, inertia: float, reversals: int, seed: int) -> float:

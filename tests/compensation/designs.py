@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensation.adaptive import damping_design, spool, taps
+from compensation import damping_design
+from compensation.adaptive import spool, taps
 from compensation.adaptive.layout import (
     DELAY,
     DESIGN,
@@ -17,9 +18,8 @@ from compensation.adaptive.layout import (
     SETTINGS,
     TRUST,
     VALVE,
-    Record,
-    empty,
 )
+from compensation.records import Record, empty
 
 DAMPING = 0.7
 

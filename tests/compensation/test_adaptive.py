@@ -43,8 +43,6 @@ from compensation.adaptive.layout import (
     STRIBECK,
     TRIM,
     VALVE,
-    Record,
-    empty,
 )
 from compensation.adaptive.leak import start_leak
 from compensation.adaptive.monitor import add_to_monitor, start_monitor, worse_than_baseline
@@ -55,6 +53,7 @@ from compensation.adaptive.spool import blocked_flow
 from compensation.adaptive.stribeck import add_to_stribeck, update_stribeck
 from compensation.adaptive.valve import add_to_valve, lags_agree, start_valve
 from compensation.adaptive.valve_edge import MAX_DEAD_BAND_V, start_edge, update_edge
+from compensation.records import Record, empty
 from compensation.spool_model import set_spool_model
 
 ALL_SPOOL = [1e3] * (LATES * (len(SPOOL_LAGS_S) - 1)) + [0.0] * LATES  # sums that tell of no delay

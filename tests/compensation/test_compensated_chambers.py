@@ -15,8 +15,8 @@ from compensation.adaptive.chamber_pressures import measure_pressures, pair_root
 from compensation.adaptive.chambers import compliance_m_Pa, equivalent_Pa, pair_flow_m_s, pair_volts
 from compensation.adaptive.friction import demanded_pressure
 from compensation.adaptive.layout import VALVE
-from compensation.adaptive.loop_feedback import fed_back_V
 from compensation.adaptive.valve import lags_agree
+from compensation.loop_feedback import fed_back_V
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import load_scenario

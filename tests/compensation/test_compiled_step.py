@@ -15,8 +15,10 @@ from leg_plant import Leg, run
 import compensation
 from compensation import Context
 from compensation.adaptive import Adaptive
-from compensation.adaptive.layout import DESIGN, STATE, empty
-from compensation.adaptive.least_squares import add_row, solve, start_least_squares
+from compensation.adaptive.layout import DESIGN, STATE
+from compensation.compiled import compiled_sources
+from compensation.least_squares import add_row, solve, start_least_squares
+from compensation.records import empty
 
 CODE = """
 import sys
@@ -120,3 +122,12 @@ def test_parameters_come_back_as_they_were_kept() -> None:
     assert made.parameters(restored) == kept
     assert restored.numbers.lag_s == 4.1e-3 and restored.numbers.delay_s > 1e-4
     assert abs(restored.numbers.lead_taps.sum() - 1.0) < 1e-9 and np.abs(restored.numbers.lead_taps).max() > 1.0
+
+
+def test_the_cache_knows_every_file_with_compiled_code() -> None:
+    """Each file of the package that holds a compiled function or a layout is one of those that a change of makes the cache anew."""
+    package = Path(compensation.__file__).parent
+    holds = {
+        path for path in package.rglob("*.py") if "@compiled" in (text := path.read_text()) or " = record(" in text
+    }
+    assert len(holds) > 30 and holds <= set(compiled_sources())

@@ -16,12 +16,13 @@ from compensation.adaptive import Adaptive
 from compensation.adaptive.checks import plain_valve_told
 from compensation.adaptive.friction import TYPICAL_STRIBECK, add_to_friction, start_friction, stribeck_share
 from compensation.adaptive.inverse import advance_inverse
-from compensation.adaptive.layout import FRICTION, LEARNED, MONITOR, PRESLIDING, STRIBECK, VALVE, empty
+from compensation.adaptive.layout import FRICTION, LEARNED, MONITOR, PRESLIDING, STRIBECK, VALVE
 from compensation.adaptive.monitor import start_monitor, worse_than_baseline, worth_compensating, worth_crossing
 from compensation.adaptive.presliding import restore_presliding
 from compensation.adaptive.stribeck import MOST_WEIGHT, add_to_stribeck, hold_step, update_stribeck
 from compensation.adaptive.stroke import far_from_reversal
 from compensation.adaptive.valve import crossing_in_time
+from compensation.records import empty
 
 
 def test_a_wide_overlap_is_crossed_by_the_dead_band_volts_alone() -> None:

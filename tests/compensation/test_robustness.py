@@ -11,16 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 
 import compensation
 from compensation import Context
-from compensation.adaptive.damping_design import MAX_WRONG_SHARE
-from compensation.adaptive.layout import (
-    FIT,
-    LEAK,
-    MONITOR,
-    PREDICTION,
-    VALVE,
-    Record,
-    empty,
-)
+from compensation.adaptive.layout import FIT, LEAK, MONITOR, VALVE
 from compensation.adaptive.leak import (
     add_to_passage,
     finish_passage,
@@ -31,10 +22,19 @@ from compensation.adaptive.leak import (
 )
 from compensation.adaptive.monitor import bump_noise_m_s2, start_monitor, worse_than_baseline, worth_compensating
 from compensation.adaptive.null import recentre
-from compensation.adaptive.prediction import MAX_OFFSET_M, predict, prediction_table, start_prediction, watch_setpoint
 from compensation.adaptive.recursive_least_squares import shift_fit, start_fit, update_fit
 from compensation.adaptive.spool import look_ahead_shift
 from compensation.adaptive.valve import start_valve
+from compensation.damping_design import MAX_WRONG_SHARE
+from compensation.prediction import (
+    MAX_OFFSET_M,
+    PREDICTION,
+    predict,
+    prediction_table,
+    start_prediction,
+    watch_setpoint,
+)
+from compensation.records import Record, empty
 
 
 def test_shifted_fit_is_the_fit_of_shifted_data() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -30,11 +31,19 @@ CONTEXT = Context(edge_V=0.07, spool_frequency_Hz=60.0)
 ODD = (None, math.nan, math.inf, -math.inf, "1", True, [], {}, 10**400, 1e308, -1e308)
 
 
+ALGORITHMS = ("adaptive", "estimated")
+
+
+@cache
+def learned_by(name: str) -> dict[str, Any]:
+    """What an algorithm has learned of a leg in 12 s."""
+    made = compensation.create(name)
+    return json.loads(json.dumps(made.parameters(run(made, duration_s=12.0).state)))
+
+
 @pytest.fixture(scope="module")
 def learned() -> dict[str, Any]:
-    """What `adaptive` has learned of a leg in 12 s."""
-    made = compensation.create("adaptive")
-    return json.loads(json.dumps(made.parameters(run(made, duration_s=12.0).state)))
+    return learned_by("adaptive")
 
 
 def places(value: Any, place: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
@@ -55,10 +64,11 @@ def with_value(parameters: dict[str, Any], place: tuple[Any, ...], value: Any) -
     return copy
 
 
-def test_every_odd_number_is_refused_in_one_sentence(learned) -> None:
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_every_odd_number_is_refused_in_one_sentence(algorithm) -> None:
     """Each number of what was learned in turn, null, NaN, infinite, text, a truth value, a list, a table, huge: ValueError whose
     sentence names the place. As learned: taken."""
-    made = compensation.create("adaptive")
+    made, learned = compensation.create(algorithm), learned_by(algorithm)
     check_parameters(made, CONTEXT, learned)
     for place in places(learned):
         name = next(key for key in reversed(place) if isinstance(key, str))
@@ -97,20 +107,28 @@ def test_the_gate_is_the_same_for_every_algorithm(name) -> None:
             Started(made, bad).start(CONTEXT)
 
 
-def test_files_and_packets_go_through_it(learned, tmp_path) -> None:
+@pytest.mark.parametrize(
+    ("algorithm", "odd_places"),
+    [
+        ("adaptive", [("flow", "extend", "gain_m_s_V"), ("friction", "theta_MPa", 4)]),
+        ("estimated", [("numbers", "zeta"), ("noise", 1)]),
+    ],
+)
+def test_files_and_packets_go_through_it(algorithm, odd_places, tmp_path) -> None:
     """A null in a file and a NaN in a packet are refused, and the sentence names leg and number."""
-    machine = load_machine("bench")
+    machine, learned = load_machine("bench"), learned_by(algorithm)
     path = tmp_path / "compensator.json"
-    path.write_text(json.dumps({"compensator": "adaptive", "legs": [learned]}))
-    assert started(path, machine)[0] == "adaptive"
-    for place in (("flow", "extend", "gain_m_s_V"), ("friction", "theta_MPa", 4)):
+    path.write_text(json.dumps({"compensator": algorithm, "legs": [learned]}))
+    assert started(path, machine)[0] == algorithm
+    for place in odd_places:
         for odd in (None, math.nan, -1e308):
             bad = with_value(learned, place, odd)
-            path.write_text(json.dumps({"compensator": "adaptive", "legs": [bad]}))
-            with pytest.raises(HexsimError, match=f"leg 1.*{place[1]}"):
+            path.write_text(json.dumps({"compensator": algorithm, "legs": [bad]}))
+            name = next(key for key in reversed(place) if isinstance(key, str))
+            with pytest.raises(HexsimError, match=f"leg 1.*{name}"):
                 started(path, machine)
-            with pytest.raises(HexsimError, match=f"leg 1.*{place[1]}"):
-                AskedCompensators(machine).take(AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=bad))
+            with pytest.raises(HexsimError, match=f"leg 1.*{name}"):
+                AskedCompensators(machine).take(AskedCompensator(leg=1, n_legs=1, name=algorithm, parameters=bad))
 
 
 class Fixed(Compensator):
@@ -223,10 +241,11 @@ NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 @given(data=st.data())
-def test_any_start_parameters_and_any_samples_leave_bounded_volts(learned, data) -> None:
+def test_any_start_parameters_and_any_samples_leave_bounded_volts(data) -> None:
     """Up to three numbers of what was learned are anything: refused in a sentence, or the volts are finite and explained, whatever
     samples come."""
-    made = compensation.create("adaptive")
+    algorithm = data.draw(st.sampled_from(ALGORITHMS))
+    made, learned = compensation.create(algorithm), learned_by(algorithm)
     given_parameters = learned
     for place in data.draw(st.lists(st.sampled_from(places(learned)), max_size=3)):
         value = data.draw(st.one_of(NUMBERS, st.none(), st.floats(-1.0, 1.0), st.floats(0.0, 0.02)))
@@ -234,7 +253,7 @@ def test_any_start_parameters_and_any_samples_leave_bounded_volts(learned, data)
     try:
         state = made.restore(CONTEXT, given_parameters)
     except ValueError as refused:
-        assert "start parameters of adaptive" in str(refused)
+        assert f"start parameters of {algorithm}" in str(refused)
         state = made.start(CONTEXT)
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     absurd = data.draw(st.lists(NUMBERS, min_size=1, max_size=4))

@@ -10,7 +10,8 @@ from pair_plant import PairLeg, context_of, run_pair
 from compensation import create
 from compensation.adaptive.crossing_oil import STAY_OIL_M, stay_on_side
 from compensation.adaptive.feedback import cross_backlash
-from compensation.adaptive.layout import INVERSE, empty
+from compensation.adaptive.layout import INVERSE
+from compensation.records import empty
 
 
 def peaks_of(leg: PairLeg, seed: int) -> list[float]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from ..compiled import compiled
+from .compiled import compiled
 
 
 @compiled

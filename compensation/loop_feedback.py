@@ -11,7 +11,12 @@ makes of the setpoint alone is its feed-forward, which the lead replaces. The in
 
 from __future__ import annotations
 
-from ..compiled import compiled
+from .compiled import compiled
+from .records import record
+
+LOOP = record(  # state
+    started="i8", position_m="f8", velocity_m_s="f8", pressure_Pa="f8", passed_Pa="f8",
+)  # fmt: skip
 
 
 @compiled

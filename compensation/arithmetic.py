@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .. import compensator
-from ..compiled import compiled
+from . import compensator
+from .compiled import compiled
 
 clip = compiled(compensator.clip)
 

@@ -16,16 +16,22 @@ from __future__ import annotations
 
 import math
 
-from ..compiled import compiled
 from .arithmetic import fill_zero
+from .compiled import compiled
 from .least_squares import add_row, solve, start_least_squares
+from .records import record
 
+MAX_DAMPING_TAPS = 16
+WORK = record(  # least_squares.py
+    triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
+)  # fmt: skip
 MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 GROWTH_SHARE = 0.5  # of the viscous damping of a mode that the filter may take away
 LOWEST_MODE, HIGHEST_MODE = 0.7, 1.5  # over the identified resonance: the oil's volume changes with the stroke
 NEAR, LEAST_SHARE = 0.1, 0.45  # about the resonance, relative to it; what is to be damped there
 PASSES, MARGIN = 20, 0.1  # of the penalty method; by which a row asks for more than its bound
 ABOVE, AT_REST, SIZE = 0.15, 1e2, 0.03  # weights: above the band, at rest, of the taps' size
+RECOVERY_S, DECAY = 5.0, 0.98  # of the gain; the decay a tick, above half of its bound
 BAND_STEPS, ABOVE_STEPS, ABOVE_BAND, CHECK_STEPS = 40, 30, 1.6, 120  # frequencies in the band, above 1.6 times its end
 
 
@@ -144,3 +150,11 @@ def _valve_response(f_Hz, valve, ticks):
     phase = w * ((0.5 + ticks) * tick_s + delay_s)
     cosine, sine = math.cos(phase), math.sin(phase)
     return size * (real * cosine - imaginary * sine), -size * (real * sine + imaginary * cosine)
+
+
+@compiled
+def next_damping_gain(gain, volts, limit_V, tick_s):
+    """The damping's gain after a tick with its volts: it recovers, and falls as they come near their bound."""
+    if -0.5 * limit_V < volts < 0.5 * limit_V:
+        return gain + (1.0 - gain) * tick_s / RECOVERY_S
+    return gain * DECAY

@@ -19,12 +19,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..compiled import compiled
 from .arithmetic import clip
-from .layout import MAX_LOOK, PREDICTORS, PREVIEW_TICKS
-from .layout import PAST_SETPOINTS as PAST
+from .compiled import compiled
+from .records import record
 
 ORDERS_AND_TICKS = ((1, 8), (2, 12), (2, 24), (2, 48), (2, 96), (3, 24), (3, 48), (3, 96), (4, 48), (4, 96))
+PREDICTORS, PAST = len(ORDERS_AND_TICKS), 97  # setpoints that are kept
+PREVIEW_TICKS, MAX_LOOK = 9, 13  # least and most that is looked ahead
 RATE_TICKS = 20.0  # T_e
 SHARE = 0.01  # low-pass of the squared errors, a tick
 FLOOR_M = 2e-7  # e_0
@@ -37,6 +38,19 @@ MAX_CHANGE_M = 4e-7  # a tick squared: 0.1 m/s2 at 500 Hz, the most that followi
 LOST_M = 0.02  # from what is predicted, from which following begins anew
 STRAIGHT_M = 1e-9  # second difference of a preview that is a straight line
 STRAIGHT_TICKS = 25  # for which a preview must be straight, and the motion not, until it counts as none
+
+PREDICTION = record(  # state
+    look="i8",
+    past_m=("f8", (2 * PAST,)),  # ring, twice, so that a stretch is in order
+    place="i8", predicted_m=("f8", (MAX_LOOK, PREDICTORS)), error_m=("f8", (PREDICTORS,)),
+    squares_m2=("f8", (PREDICTORS,)), ahead_m=("f8", (3 * PREDICTORS,)), ticks="i8", straight_ticks="i8", active="i8",
+    offset_m="f8",  # by which packets made the setpoint jump, less what has come in since
+    steady_ticks="i8",  # since it jumped
+    usual_m="f8",  # mean size of the error of one tick
+    started="i8", last_m="f8",  # given at the tick before
+    moved_m="f8",  # in the last tick
+    acceleration_m="f8",  # a tick squared, low-pass
+)  # fmt: skip
 
 
 def _row(order: int, ticks: int, look: float, derivative: int = 0) -> np.ndarray:
