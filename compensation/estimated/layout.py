@@ -6,7 +6,7 @@ from typing import Any
 
 from ..adaptive.layout import DESIGN, LOOP, MAX_DAMPING_TAPS, PREDICTION, record
 from ..compensator import MOST_LEGS
-from .fit import LEAD, N_COLUMNS, N_START, WINDOW
+from .fit import KNOTS, LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_STATES
 
@@ -35,7 +35,7 @@ WINDOW_DATA = record(
     forces_N=(f, (WINDOW, MOST_LEGS)), speeds_m_s=(f, (WINDOW, MOST_LEGS)), mobility=(f, (WINDOW, MOST_LEGS)),
     load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, MOST_LEGS)),
     fitted=(i, (WINDOW, MOST_LEGS)), friction_N=(f, (WINDOW,)), first=i,
-    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=f,
+    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=(f, (KNOTS,)),
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
     numbers=(f, (N_NUMBERS,)), start=(f, (WINDOWS, N_START)), H=(f, (N_NUMBERS, N_NUMBERS)), g=(f, (N_NUMBERS,)),
