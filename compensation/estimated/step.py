@@ -59,7 +59,7 @@ from .reference import gains, loop_speed, next_lag, plan_motion, plan_setpoints
 
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
-LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
+LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
 # of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
 LEAST_SHARE = 0.8
 STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
@@ -68,6 +68,9 @@ SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether
 PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
 # of the bump, as acceleration of each tone: ISO 2631-1 weighs 70 Hz by 0.16, so that a twentieth of the bump is felt
 PROBE = 0.3
+# from the demanded motion, from which the inverse begins anew: more than a stroke's lag changes at once; while no volts are in, more
+# than a dead band that is found anew shifts the motion
+OFF_m, OFF_OUTSIDE_m = 5e-3, 5e-4
 QUIET_TICKS = 20  # for which no leg may object
 
 
@@ -124,7 +127,9 @@ def _invert(s):
     for j in range(AHEAD):
         v = inv.v[min(j + early, AHEAD)]
         inv.steady[j] = v / up + s.numbers[DEAD_UP] if v > 0.0 else v / down - s.numbers[DEAD_DN]
-    if not inv.running or abs(inv.x[Y] - inv.y[0]) > 5e-3:
+    off_m = OFF_m if s.share > 0.0 else OFF_OUTSIDE_m
+    if not inv.running or (abs(inv.x[Y] - inv.y[0]) > off_m and (s.share > 0.0 or _in_motion(s))):
+        s.expected.unsteady = QUEUE
         volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
         inv.U[:] = volts
         inv.before = inv.older = volts
