@@ -15,6 +15,8 @@ import numpy as np
 from ..compensator import MEASURED_TICKS
 from ..compiled import compiled
 from .fit import (
+    KNOT,
+    KNOTS,
     LEAD,
     N_START,
     N_STATE,
@@ -81,6 +83,9 @@ NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known
 FORGET_TICKS = 2000.0
 # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
 FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
+TURNING_ERROR = (
+    0.58  # of one that may stand: evenly likely between friction down and up, of a standard deviation of 1/sqrt(3)
+)
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 
@@ -267,11 +272,46 @@ def _forget_folded(fit):
 
 
 @compiled
-def friction(n, v):
-    """Steady friction [N] of numbers n (N_NUMBERS,) at speed v [m/s]."""
+def friction(n, v, noise_m_s):
+    """Steady friction [N] of numbers n (N_NUMBERS,) at a speed v that is measured with an error: what its sign is known as."""
     up = v >= 0.0
     dry = n[COULOMB_UP if up else COULOMB_DN] + n[STATIC_UP if up else STATIC_DN] * exp(-abs(v) / exp(n[LN_STRIBECK]))
-    return dry * tanh(v / exp(n[LN_REG])) + n[VISCOUS_UP if up else VISCOUS_DN] * v
+    return dry * tanh(v / (exp(n[LN_REG]) + noise_m_s)) + n[VISCOUS_UP if up else VISCOUS_DN] * v
+
+
+@compiled
+def speed_error(s):
+    """Four standard deviations of a measured speed [m/s]."""
+    return 4.0 * s.past.noise_m / (2.0**0.5 * HALF_SPAN * s.settings.tick_s)
+
+
+@compiled
+def _turns(window, i, k, noise_m_s):
+    """Whether leg i may stand or turn at tick k: its speed, measured over a span, is less than how it changes within half of it."""
+    a, b = max(k - HALF_SPAN, 0), min(k + HALF_SPAN, WINDOW - 1)
+    changes = abs(window.speeds_m_s[b, i] - window.speeds_m_s[a, i])
+    return abs(window.speeds_m_s[k, i]) < 0.5 * changes + noise_m_s
+
+
+@compiled
+def _doubt_loads(s, window):
+    """How uncertain the other legs' friction is in each knot [N]."""
+    settings = s.settings
+    noise = speed_error(s)
+    window.doubt_N[:] = 0.0
+    for i in range(settings.legs):
+        if i == settings.leg:
+            continue
+        n = s.others[i]
+        dry = s.mobility[i] * 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
+        for q in range(KNOTS):
+            share = FITTED_ERROR
+            for k in range(q * KNOT, (q + 1) * KNOT):
+                if window.fitted[k, i] == 0:
+                    share = max(share, TURNING_ERROR if _turns(window, i, k, noise) else FRICTION_ERROR)
+            window.doubt_N[q] += (share * dry) ** 2
+    for q in range(KNOTS):
+        window.doubt_N[q] = sqrt(window.doubt_N[q])
 
 
 @compiled
@@ -289,22 +329,17 @@ def _load_windows(s, numbers):
             for w in range(fit.count):
                 for k in range(WINDOW):
                     s.mean_N[i] += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
+    noise = speed_error(s)
     for w in range(fit.count):
         window = s.windows[w]
-        before = doubt = 0.0
-        for i in range(settings.legs):
-            if i != settings.leg:
-                n = s.others[i]
-                dry = 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
-                share = FITTED_ERROR if window.fitted[0, i] + window.fitted[WINDOW - 1, i] == 2 else FRICTION_ERROR
-                doubt += (share * s.mobility[i] * dry) ** 2
-        window.doubt_N = sqrt(doubt)
+        before = 0.0
+        _doubt_loads(s, window)
         for k in range(WINDOW):
             load = numbers[MASS] * window.pose_m_s2[k]
             for i in range(settings.legs):
                 if i != settings.leg:
                     if window.fitted[k, i] == 0:
-                        window.others_N[k, i] = friction(s.others[i], window.speeds_m_s[k, i])
+                        window.others_N[k, i] = friction(s.others[i], window.speeds_m_s[k, i], noise)
                     hold = s.others[i, HOLD] if s.heard[i] else s.mean_N[i]
                     load -= window.mobility[k, i] * (window.forces_N[k, i] - hold - window.others_N[k, i])
             window.load_N[k] = load

@@ -200,12 +200,11 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
             done = cost - c2 < 1e-3 * cost
             cost = c2
             _take(U, r, path, U2, r2, path2)
-            if done:
+            if done and soft == LEAST_BLUNT_V:
                 break
-        elif soft > LEAST_BLUNT_V:
-            soft = max(0.25 * soft, LEAST_BLUNT_V)
-        else:
+        elif soft == LEAST_BLUNT_V:
             break
+        soft = max(0.25 * soft, LEAST_BLUNT_V)
     return cost
 
 

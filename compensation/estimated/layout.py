@@ -7,7 +7,7 @@ from ..damping_design import MAX_DAMPING_TAPS, WORK
 from ..loop_feedback import LOOP
 from ..prediction import PREDICTION
 from ..records import record
-from .fit import LEAD, N_COLUMNS, N_START, WINDOW
+from .fit import KNOTS, LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_STATES
 
@@ -35,7 +35,7 @@ WINDOW_DATA = record(
     forces_N=(f, (WINDOW, MOST_LEGS)), speeds_m_s=(f, (WINDOW, MOST_LEGS)), mobility=(f, (WINDOW, MOST_LEGS)),
     load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, MOST_LEGS)),
     fitted=(i, (WINDOW, MOST_LEGS)), friction_N=(f, (WINDOW,)), first=i,
-    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=f,
+    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=(f, (KNOTS,)),
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
     numbers=(f, (N_NUMBERS,)), start=(f, (WINDOWS, N_START)), H=(f, (N_NUMBERS, N_NUMBERS)), g=(f, (N_NUMBERS,)),
@@ -69,12 +69,12 @@ INVERSE = record(
     started_now=i,
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
-    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
-    count=i, setpoint_m=f, load_lag_m_s2=f, loads=i, stale=i,
+    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
+    count=i, behind_m=f, lag_m=f, load_lag_m_s2=f, stale=i,
 )  # fmt: skip
 EXPECTED = record(
     S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)), d_now=(f, (N_NUMBERS,)),
-    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), w=(f, (16,)),
+    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), lag_m=f, w=(f, (16,)),
     scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, plain_V=f,
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
@@ -89,5 +89,5 @@ STATE = record(
     heard=(i, (MOST_LEGS,)), alone=(f, (MOST_LEGS, N_NUMBERS)), alone_variance=(f, (MOST_LEGS, N_NUMBERS)), mean_N=(f, (MOST_LEGS,)),
     past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP, damping=DAMPING,
-    share=f, linear=f, platform=i, objected=i, wants=i,
+    share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i,
 )  # fmt: skip

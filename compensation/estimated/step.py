@@ -16,7 +16,7 @@ from math import pi, sin, sqrt
 
 from ..compiled import compiled
 from ..loop_feedback import fed_back_V
-from ..prediction import MAX_LOOK, PREVIEW_TICKS, predict, start_prediction, watch_setpoint
+from ..prediction import start_prediction
 from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, watch, watch_legs, work
 from .fit import forward
@@ -29,8 +29,6 @@ from .leg import (
     DEAD_DN,
     DEAD_UP,
     DELAY,
-    GAIN_DN,
-    GAIN_UP,
     HOLD,
     LN_BRISTLE,
     M1,
@@ -43,10 +41,8 @@ from .leg import (
     POSITION_LAG,
     S_A1,
     S_A2,
-    S_FLOW,
     S_FOUR_WAY,
     S_STROKE,
-    S_TANK,
     SPRING,
     VISCOUS_DN,
     VISCOUS_UP,
@@ -59,10 +55,11 @@ from .leg import (
     valve_lag_s,
 )  # fmt: skip
 from .prior import fill_sheet
+from .reference import gains, loop_speed, next_lag, plan_motion, plan_setpoints
 
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
-LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
+LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
 # of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
 LEAST_SHARE = 0.8
 STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
@@ -71,6 +68,9 @@ SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether
 PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
 # of the bump, as acceleration of each tone: ISO 2631-1 weighs 70 Hz by 0.16, so that a twentieth of the bump is felt
 PROBE = 0.3
+# from the demanded motion, from which the inverse begins anew: more than a stroke's lag changes at once; while no volts are in, more
+# than a dead band that is found anew shifts the motion
+OFF_m, OFF_OUTSIDE_m = 5e-3, 5e-4
 QUIET_TICKS = 20  # for which no leg may object
 
 
@@ -85,99 +85,6 @@ def start(s):
     start_damping(s.damping, s.settings.tick_s)
     s.objected = QUIET_TICKS
     s.platform = 1 if s.settings.legs > 1 else 0
-
-
-@compiled
-def _setpoint_ahead(s, table, preview, look):
-    n = len(preview)
-    middle = (n - 1) // 2
-    bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
-    if watch_setpoint(s.prediction, n if n > PREVIEW_TICKS else 1, bend, preview[0]):
-        _, here, after = predict(s.prediction, table, MAX_LOOK, preview[0])
-        return here + (look - MAX_LOOK) * (after - here), True
-    return _ahead(preview, look), False
-
-
-@compiled
-def _ahead(preview, look):
-    n = len(preview)
-    if look < n:
-        return preview[look]
-    return preview[n - 1] + (look - n + 1) * (preview[n - 1] - preview[n - 2])
-
-
-@compiled
-def _gains(s):
-    """Speed of a volt up and down, beyond the dead band."""
-    n, sheet = s.numbers, s.sheet
-    if n[MASS] == 0.0:
-        return s.settings.velocity_gain_m_s_V, s.settings.velocity_gain_m_s_V
-    a1, supply = sheet[S_A1], s.past.supply_mean_Pa
-    four = sheet[S_FOUR_WAY] != 0.0
-    up, down = _roots(n, sheet, supply, four, sheet[S_A2] / a1)
-    return sheet[S_FLOW] * n[GAIN_UP] * up / a1, sheet[S_FLOW] * n[GAIN_DN] * down / a1
-
-
-@compiled
-def _plain_speed(s, volts):
-    """Speed that the position loop's volts give: through the valve without dead band, for the part `linear` of the way to it."""
-    n = s.numbers
-    gain_up, gain_dn = _gains(s)
-    left = 1.0 - s.linear
-    volts -= left * 0.5 * (n[DEAD_UP] - n[DEAD_DN])
-    half = 0.5 * (n[DEAD_UP] + n[DEAD_DN]) + n[PLAY]
-    if left > 0.0 and half > 0.0:
-        volts *= 1.0 - left * half / sqrt(volts * volts + 4.0 * half * half)
-    mean = 0.5 * (gain_up + gain_dn)
-    return (mean + left * ((gain_up if volts > 0.0 else gain_dn) - mean)) * volts
-
-
-@compiled
-def _roots(n, sheet, supply, four, ratio):
-    """Roots of the pressure drop across the open edge, up and down, at the held force and Coulomb friction."""
-    a1, tank = sheet[S_A1], sheet[S_TANK]
-    up_N, dn_N = n[HOLD] + n[COULOMB_UP], n[HOLD] - n[COULOMB_DN]
-    if four:  # Q2 = ratio Q1 through like edges: drops as 1 to ratio^2
-        m = 1.0 + ratio * ratio * ratio
-        return sqrt(max((supply - tank - up_N / a1) / m, 1.0)), sqrt(
-            max((ratio * (supply - tank) + dn_N / a1) / m, 1.0)
-        )
-    held = ratio * supply
-    return sqrt(max(supply - held - up_N / a1, 1.0)), sqrt(max(held + dn_N / a1 - tank, 1.0))
-
-
-@compiled
-def _advance(s, setpoint, loads, predicted):
-    """The demanded motion's queue by one tick."""
-    ref, tick_s, kp = s.reference, s.settings.tick_s, s.settings.position_gain_V_per_m
-    if ref.count == 0:
-        ref.position_m[:] = setpoint
-        ref.setpoint_ahead_m[:] = setpoint
-        ref.count, ref.setpoint_m = QUEUE, setpoint
-    for j in range(QUEUE - 1):
-        ref.position_m[j], ref.velocity_m_s[j] = ref.position_m[j + 1], ref.velocity_m_s[j + 1]
-        ref.extra_m_s2[j], ref.setpoint_ahead_m[j] = ref.extra_m_s2[j + 1], ref.setpoint_ahead_m[j + 1]
-    last = QUEUE - 1
-    y, v = ref.position_m[last - 1], ref.velocity_m_s[last - 1]
-    if s.settings.controller_feeds_forward != 0.0:
-        new, speed, follows = setpoint, (setpoint - ref.setpoint_m) / tick_s, 1.0
-    else:
-        up, down = _gains(s)
-        follows = min(0.5 * kp * (up + down) * tick_s, 1.0)
-        middle = y + 0.5 * tick_s * v
-        new = y + tick_s * _plain_speed(s, kp * (0.5 * (setpoint + ref.setpoint_m) - middle))
-        speed = _plain_speed(s, kp * (setpoint - new))
-    ref.setpoint_m = ref.setpoint_ahead_m[last] = setpoint
-    ref.position_m[last], ref.velocity_m_s[last] = new, speed
-    ref.extra_m_s2[last] = 0.0
-    if len(loads) < 3 or predicted:
-        ref.loads = 0
-        return
-    asked = _ahead(loads, last)
-    if not ref.loads:
-        ref.load_lag_m_s2, ref.loads = asked, 1
-    ref.load_lag_m_s2 += follows * (asked - ref.load_lag_m_s2)
-    ref.extra_m_s2[last] = ref.load_lag_m_s2 - s.settings.own_mobility * (speed - v) / tick_s
 
 
 @compiled
@@ -198,7 +105,7 @@ def _steady(x, s, y, v, numbers):
     spring = numbers[SPRING] * (y - 0.5 * s.sheet[S_STROKE])
     x[P1] = (x[P2] * a2 + numbers[HOLD] + spring + friction) / a1
     x[M1], x[M2] = x[P1], x[P2]
-    gain_up, gain_dn = _gains(s)
+    gain_up, gain_dn = gains(s)
     volts = v / gain_up + numbers[DEAD_UP] if up else v / gain_dn - numbers[DEAD_DN]
     x[AMP] = x[X] = volts
     x[Z] = friction / 2.718281828459045 ** numbers[LN_BRISTLE]
@@ -215,12 +122,14 @@ def _invert(s):
     for j in range(AHEAD):
         inv.extra[j] = s.numbers[MASS] * ref.extra_m_s2[whole + j]
     limit, supply = s.settings.voltage_max_V, s.past.supply_mean_Pa
-    up, down = _gains(s)
+    up, down = gains(s)
     early = int((valve_lag_s(s.numbers) - s.numbers[DELAY]) / s.settings.tick_s + 0.5)
     for j in range(AHEAD):
         v = inv.v[min(j + early, AHEAD)]
         inv.steady[j] = v / up + s.numbers[DEAD_UP] if v > 0.0 else v / down - s.numbers[DEAD_DN]
-    if not inv.running or abs(inv.x[Y] - inv.y[0]) > 5e-3:
+    off_m = OFF_m if s.share > 0.0 else OFF_OUTSIDE_m
+    if not inv.running or (abs(inv.x[Y] - inv.y[0]) > off_m and (s.share > 0.0 or _in_motion(s))):
+        s.expected.unsteady = QUEUE
         volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
         inv.U[:] = volts
         inv.before = inv.older = volts
@@ -267,7 +176,7 @@ def _damp(s, bottom_Pa, top_Pa):
     d.expected_Pa[0] = _load_Pa(s, x[M1], x[M2])
     if s.share == 0.0:
         return 0.0
-    up, down = _gains(s)
+    up, down = gains(s)
     own = settings.pressure_gain_V_per_Pa
     if sheet[S_FOUR_WAY] != 0.0:
         own *= 1.0 + (sheet[S_A2] / sheet[S_A1]) ** 3
@@ -292,15 +201,20 @@ def _expect(s, volts, last, left):
     split = numbers[DELAY] / tick_s - whole
     v, a = ref.velocity_m_s[whole], (ref.velocity_m_s[whole + 1] - ref.velocity_m_s[whole]) / tick_s
     extra = numbers[MASS] * ref.extra_m_s2[whole]
+    up, down = gains(s)
     if not e.started:
         e.plain_V = _steady(e.plain, s, ref.position_m[whole], v, numbers)
         e.started, e.unsteady = 1, QUEUE
+        e.lag_m = ref.setpoint_m[whole] - ref.position_m[whole]
+    asked = loop_speed(s, e.lag_m, 1.0, up, down)  # plain control's own motion but for its bumps
+    e.lag_m = next_lag(s, e.lag_m, ref.setpoint_m[whole + 1] - ref.setpoint_m[whole], 0.0, 1.0, up, down)
+    smooth = (loop_speed(s, e.lag_m, 1.0, up, down) - asked) / tick_s
     # plain control, by the model
-    control = kp * (ref.setpoint_ahead_m[whole] - e.plain[Y])
+    control = kp * (ref.setpoint_m[whole] - e.plain[Y])
     speed = e.plain[V]
     tick(e.plain, e.S, numbers, s.sheet, control, e.plain_V, split, supply, extra, e.w)
     e.plain_V = control
-    b = low_pass(e.plain_filtered, (e.plain[V] - speed) / tick_s - a, s.sheet)
+    b = low_pass(e.plain_filtered, (e.plain[V] - speed) / tick_s - smooth, s.sheet)
     e.bump = max(e.bump, abs(b))
     e.left = max(e.left, abs(left))
     # the numbers' doubt in the compensated motion
@@ -392,7 +306,7 @@ def _through_backlash(inv, volts, half):
 def _probe(s):
     """Volts [V] of a small motion that shows the valve, for a leg whose doubt alone keeps the compensation out."""
     e, tick_s = s.expected, s.settings.tick_s
-    up, down = _gains(s)
+    up, down = gains(s)
     v, gain = s.reference.velocity_m_s[0], 0.5 * (up + down)
     if abs(v) < gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN]):
         return 0.0
@@ -425,8 +339,7 @@ def tick_of(
     settings, ref, inv = s.settings, s.reference, s.inverse
     if s.sheet[S_FOUR_WAY] == 0.0:
         top_Pa = supply_Pa
-    ahead, predicted = _setpoint_ahead(s, table, preview, QUEUE - 1)
-    _advance(s, ahead, loads, predicted)
+    plan_motion(s, loads, plan_setpoints(s, table, preview))
     watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V)
     if s.platform:
         watch_legs(s.past, pose_m_s2, mobility, forces_N, speeds_m_s)
@@ -468,7 +381,8 @@ def tick_of(
     step = settings.tick_s / RAMP_S
     s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
     step = settings.tick_s / LINEAR_S
-    s.linear += min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
+    s.linear_step = min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
+    s.linear += s.linear_step
     total = _through_backlash(inv, volts, s.numbers[PLAY]) - _damp(s, bottom_Pa, top_Pa)
     lag = s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
     pressure = (
