@@ -1,4 +1,4 @@
-"""Repetitive control: learning from period to period, on top of the adaptive algorithm.
+"""Repetitive control: learning from period to period, on top of `estimated`.
 
 Where the motion is periodic, the error that feed-forward leaves is periodic too. The position error e(t) of a period is
 kept. Its harmonics, through the inverse of the closed loop's response to volts,
@@ -17,15 +17,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .adaptive import Adaptive, AdaptiveState
 from .compensator import Context, Parameters, Sample
+from .estimated.estimated import Estimated, EstimatedState
+from .estimated.leg import GAIN_DN, GAIN_UP, valve_lag_s
 
 MAX_PERIOD_S = 20.0
 MIN_TICKS = 20  # in a period
 
 
 @dataclass(slots=True)
-class RepetitiveState(AdaptiveState):
+class RepetitiveState(EstimatedState):
     """Also the correction, and the error of the period in progress."""
 
     ticks: int = 0  # in a period; 0 = there is none
@@ -38,13 +39,13 @@ class RepetitiveState(AdaptiveState):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Repetitive(Adaptive):
-    """The adaptive algorithm, and a correction learned over the period of the built-in signal generator.
+class Repetitive(Estimated):
+    """`estimated`, and a correction learned over the period of the built-in signal generator.
 
     learning: share of the correction taken up after a period; it falls over the first periods to `learning_low`:
     quick first, then averaging. Higher values learn faster and take up more noise. band_Hz: harmonics up to here are
     learned, tapering off over the last third. table_max_V: bound of the correction. Without `Context.period_s` it is
-    the adaptive algorithm.
+    `estimated`.
     """
 
     name: str = "repetitive"
@@ -65,26 +66,29 @@ class Repetitive(Adaptive):
                 state.error_m, state.correction_V, state.table_V = np.zeros(ticks), np.zeros(ticks), [0.0] * ticks
         return state
 
-    def extra(self, state: AdaptiveState, sample: Sample) -> float:
+    def step(self, state: EstimatedState, sample: Sample) -> tuple[float, EstimatedState]:
+        volts, _ = super().step(state, sample)
+        return volts + self._correction_V(state, sample), state
+
+    def _correction_V(self, state: EstimatedState, sample: Sample) -> float:
         if not isinstance(state, RepetitiveState) or state.ticks == 0:
             return 0.0
-        phase, s = state.phase, state.numbers
-        state.error_m[phase] = float(sample.preview_m[0]) - sample.position_m
-        settled = s.engagement.ramp == 1.0 and s.reference.feed_forward == 1.0
+        phase, s = state.phase, state.states
+        state.error_m[phase] = s["reference"]["position_m"][0, 0] - sample.position_m
+        settled = s["share"][0] == s["linear"][0] == 1.0
         state.settled_ticks = state.settled_ticks + 1 if settled else 0
         state.phase = phase + 1 if phase + 1 < state.ticks else 0
         if state.phase == 0 and state.settled_ticks >= 1.5 * state.ticks:
             self._learn_period(state)
-        return state.table_V[phase]
+        return float(s["share"][0]) * state.table_V[phase]
 
     def _learn_period(self, state: RepetitiveState) -> None:
-        context, valve = state.context, state.numbers.valve
-        down, up = valve.edges
-        gain = 0.5 * (down.gain_m_s_V + up.gain_m_s_V)
+        context, numbers = state.context, state.numbers.numbers
+        gain = context.velocity_gain_m_s_V * 0.5 * (numbers[GAIN_DN] + numbers[GAIN_UP])
         count = state.ticks
         f = np.arange(count // 2 + 1) / (count * context.tick_s)
         s = 2j * math.pi * f
-        lag = valve.lag_s
+        lag = valve_lag_s(numbers)
         spool = np.exp(-0.5 * context.tick_s * s) / (1 + lag * s + (lag * s / (2 * context.spool_damping)) ** 2)
         inverse = s / (gain * spool) + context.position_gain_V_per_m
         taper = np.clip((self.band_Hz - f) / (self.band_Hz / 3), 0.0, 1.0)
@@ -94,12 +98,13 @@ class Repetitive(Adaptive):
         state.table_V = state.correction_V.tolist()
         state.periods += 1
 
-    def parameters(self, state: AdaptiveState) -> Parameters:
+    def parameters(self, state: EstimatedState) -> Parameters:
         table = list(state.table_V) if isinstance(state, RepetitiveState) else []
         return {**super().parameters(state), "table_V": table}
 
-    def has_sound_extra(self, state: AdaptiveState) -> bool:
-        return not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
+    def finite(self, state: EstimatedState) -> bool:
+        sound = not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
+        return sound and super().finite(state)
 
     def restore(self, context: Context, parameters: Parameters) -> RepetitiveState:
         state = super().restore(context, parameters)
