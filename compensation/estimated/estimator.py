@@ -79,6 +79,7 @@ HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
+STEP_ERROR = (1e-6, 2e3)  # [m, Pa] of the model's steps and of straight volts within them: what is left where nothing else is
 NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known to 3 %, twice as large after 0.7 s
 FORGET_TICKS = 2000.0
 # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
@@ -94,6 +95,12 @@ START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasin
 def is_known_leg(chi2):
     """Whether misfits chi2 (2,) are those of a leg that the model knows."""
     return max(chi2[0], chi2[1]) <= KNOWN_LEG
+
+
+@compiled
+def has_changed(chi2):
+    """Whether misfits chi2 (2,) say that a leg that was known is another one now."""
+    return max(chi2[0], chi2[1]) > CHANGED_LEG
 
 
 @compiled
@@ -354,7 +361,8 @@ def _start_pass(s, numbers, fresh):
     fit = s.fit
     if fresh:
         fit.has_best = 0
-        fit.noise[0], fit.noise[1] = s.past.noise_m, s.past.noise_Pa  # as it was for all passes that are compared
+        fit.noise[0] = max(s.past.noise_m, STEP_ERROR[0])  # as it was for all passes that are compared
+        fit.noise[1] = max(s.past.noise_Pa, STEP_ERROR[1])
         for w in range(fit.count):
             fit.trial.start[w] = s.windows[w].start
     fit.trial.numbers[:] = numbers
@@ -633,8 +641,8 @@ def _settle(s):
     known = is_known_leg(fit.chi2)
     if known:
         fit.was_known = 1
-    elif fit.was_known and max(fit.chi2[0], fit.chi2[1]) > CHANGED_LEG:  # what it was before is another leg's
-        fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = 0
+    elif fit.was_known and has_changed(fit.chi2):  # what it was before is another leg's
+        fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = fit.stage = 0
         return
     elif fit.seen > fit.tries_seen + WINDOWS:
         fit.tries, fit.tries_seen = 0, fit.seen

@@ -18,7 +18,7 @@ from ..compiled import compiled
 from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
 from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
-from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, watch, watch_legs, work
+from .estimator import FAST_SHARE, FAST_m_s, collect, has_changed, hear_windows, is_known_leg, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import HALVES, MOST_DELAY, QUEUE
@@ -60,6 +60,7 @@ from .reference import gains, loop_speed, next_lag, plan_motion, plan_setpoints
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
+LEAVE_S = 1.5  # in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
 # of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
 LEAST_SHARE = 0.8
 STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
@@ -367,7 +368,7 @@ def tick_of(
         last, inv.started_now = volts, 0
     _expect(s, volts, last, left)
     _doubt(s, s.past.ticks % HALVES)
-    knows = s.share > 0.0 or is_known_leg(s.known.chi2)
+    knows = not has_changed(s.known.chi2) if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
     if e.halves > 0 and knows:
         share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
@@ -380,7 +381,7 @@ def tick_of(
         wanted = 1.0 if s.objected == 0 else 0.0
     step = settings.tick_s / RAMP_S
     s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
-    step = settings.tick_s / LINEAR_S
+    step = settings.tick_s / (LINEAR_S if wanted > 0.0 else LEAVE_S)
     s.linear_step = min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
     s.linear += s.linear_step
     total = _through_backlash(inv, volts, s.numbers[PLAY]) - _damp(s, bottom_Pa, top_Pa)
