@@ -79,7 +79,10 @@ HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
-STEP_ERROR = (1e-6, 2e3)  # [m, Pa] of the model's steps and of straight volts within them: what is left where nothing else is
+STEP_ERROR = (
+    1e-6,
+    2e3,
+)  # [m, Pa] of the model's steps and of straight volts within them: what is left where nothing else is
 NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known to 3 %, twice as large after 0.7 s
 FORGET_TICKS = 2000.0
 # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one

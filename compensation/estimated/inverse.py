@@ -2,7 +2,8 @@
 
 Each tick one more set of volts is kept. The residuals of a window of `AHEAD` ticks are the acceleration's error in a low pass,
 those of speed and position, and the second difference of the volts. The derivatives are those of the model with blunt edges,
-so that they know of an edge on the other side of a dead band; the residuals are the model's own.
+so that they know of an edge on the other side of a dead band: bluntest in the ticks that have just come into sight. The residuals
+are the model's own.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ WEIGHTS = (
     3e-2,
 )  # [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a count of 12 bit, six times
 TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
-BLUNT = 0.4  # of the half dead band, for the derivatives
+BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick
 LEAST_BLUNT_V = 2e-3
 ROUGHEST = 2.0 / 3.0  # of the half dead band, as WEIGHTS[3]: a wide one is crossed in as many ticks as a narrow one
 DAMPING = (1e-6, 1e-2, 1.0)
@@ -103,7 +104,7 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
             supply,
             extra[i],
             -1,
-            blunt,
+            max(blunt * (i / (AHEAD - 1.0)) ** 2, LEAST_BLUNT_V),  # the next ticks have been solved for many times
             w,
         )
         for j in range(i + 1):
@@ -200,11 +201,12 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
             done = cost - c2 < 1e-3 * cost
             cost = c2
             _take(U, r, path, U2, r2, path2)
-            if done and soft == LEAST_BLUNT_V:
+            if done:
                 break
-        elif soft == LEAST_BLUNT_V:
+        elif soft > LEAST_BLUNT_V:
+            soft = max(0.25 * soft, LEAST_BLUNT_V)
+        else:
             break
-        soft = max(0.25 * soft, LEAST_BLUNT_V)
     return cost
 
 
