@@ -3,11 +3,13 @@
 Bump of a reversal: the largest deviation of the acceleration (50 Hz, zero phase) from the linear answer to the setpoint, from 0.1 s
 before the reversal to 0.5 s after it. The linear answer is the least-squares fit of the setpoint's acceleration, late by LATE_S, to
 the second half of the run: of a sine the fundamental. Worst late bump: the largest of the second half.
-Worse: beyond plain control's bump by 5 % and by 0.03 m/s2. Beyond chance: beyond that of plain control with two noises.
+Worse: beyond plain control's bump by 5 % and by 0.03 m/s2, of a reversal after the compensation has engaged: before, nothing is added,
+and the linear answer of the second half is another. Beyond chance: beyond that of plain control with two noises.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -86,7 +88,9 @@ def figures(run: Run, plain: Run, again: Run) -> Figures:
     """Compensated, plain with the same noise, plain with another one."""
     made, first, second = (bumps(each) for each in (run, plain, again))
     either = np.maximum(first, second)
+    acts = run.motion.reversals() > (math.inf if run.engaged_s is None else run.engaged_s)
+    growth = (made - either)[acts]
     return Figures(
-        late(first, run.motion), late(made, run.motion), len(made), int(is_worse(first, made).sum()),
-        int(is_worse(either, made).sum()), int(is_worse(first, second).sum()), float((made - either).max()), run.engaged_s,
+        late(first, run.motion), late(made, run.motion), len(made), int((acts & is_worse(first, made)).sum()),
+        int((acts & is_worse(either, made)).sum()), int(is_worse(first, second).sum()), float(growth.max(initial=0.0)), run.engaged_s,
     )  # fmt: skip

@@ -18,8 +18,8 @@ WEIGHTS = (
     1e-2,
     1e-3,
     1e-4,
-    3e-2,
-)  # [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a count of 12 bit, six times
+    4.5e-2,
+)  # [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a count of 12 bit, nine times
 TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
 BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick
 LEAST_BLUNT_V = 2e-3
