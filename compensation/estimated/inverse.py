@@ -18,8 +18,8 @@ WEIGHTS = (
     1e-2,
     1e-3,
     1e-4,
-    4.5e-2,
-)  # [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a count of 12 bit, nine times
+    9e-2,
+)  # [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a narrow dead band from edge to edge
 TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
 BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick
 LEAST_BLUNT_V = 2e-3
@@ -145,22 +145,13 @@ def _take(U, r, path, other, its_r, its_path):
 
 
 @compiled
-def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
-    """Up to TRIES steps of U (AHEAD,), in place. Returns the cost. Where U leaves more than the residuals' own sizes, the smoothed steady
-    volts ws.steady (AHEAD,) may lie nearer: a dead band between makes a minimum on either side."""
+def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
+    """Up to TRIES steps of U (AHEAD,), in place. Returns the cost."""
     split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
     r, r2, J, S, path, path2, H, L, step, U2, s, w, d_now, d_before = (
         ws.r, ws.r2, ws.J, ws.S, ws.path, ws.path2, ws.H, ws.L, ws.step, ws.U2, ws.s, ws.w, ws.d_now, ws.d_before,
     )  # fmt: skip
     cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, S, w, path)
-    if cost > 4.0 * AHEAD:
-        _smooth(ws.steady, before)
-        c2 = window_cost(
-            x, ws.steady, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2
-        )
-        if c2 < cost:
-            cost = c2
-            _take(U, r, path, ws.steady, r2, path2)
     half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
     soft = max(BLUNT * half, LEAST_BLUNT_V)
     for _ in range(TRIES):
@@ -207,6 +198,20 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
             soft = max(0.25 * soft, LEAST_BLUNT_V)
         else:
             break
+    return cost
+
+
+@compiled
+def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
+    """Volts U (AHEAD,), in place. Returns the cost. Where they leave more than the residuals' own sizes, it also begins from the smoothed
+    volts of steady motion, ws.steady (AHEAD,): a dead band between makes a minimum on either side."""
+    cost = _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws)
+    if cost > 4.0 * AHEAD:
+        _smooth(ws.steady, before)
+        other = _solve(x, ws.steady, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws)
+        if other < cost:
+            U[:] = ws.steady
+            return other
     return cost
 
 

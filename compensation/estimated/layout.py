@@ -66,7 +66,7 @@ INVERSE = record(
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
     filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
     x_before=(f, (N_STATES,)),
-    started_now=i,
+    started_now=i, whole=i,
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
     position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),

@@ -130,6 +130,13 @@ def _invert(s):
     for j in range(AHEAD):
         v = inv.v[min(j + early, AHEAD)]
         inv.steady[j] = v / up + s.numbers[DEAD_UP] if v > 0.0 else v / down - s.numbers[DEAD_DN]
+    if inv.running and whole > inv.whole:  # what is sent now arrives a tick later than what was sent before
+        split = s.numbers[DELAY] / s.settings.tick_s - whole
+        tick(inv.x, inv.S, s.numbers, s.sheet, inv.before, inv.before, split, supply, inv.extra[0], inv.w)
+    elif inv.running and whole < inv.whole:
+        inv.x[Y] -= s.settings.tick_s * inv.x[V]
+        inv.x[V] -= inv.v[1] - inv.v[0]
+    inv.whole = whole
     off_m = OFF_m if s.share > 0.0 else OFF_OUTSIDE_m
     if not inv.running or (abs(inv.x[Y] - inv.y[0]) > off_m and (s.share > 0.0 or _in_motion(s))):
         s.expected.unsteady = QUEUE
