@@ -286,17 +286,19 @@ def work(tmp_path_factory):
 
 @pytest.mark.parametrize("ending", ["csv", "csv.gz", "parquet", "mat", "mcap", "db3"])
 @settings(max_examples=40, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck))
-@given(data=st.data())
-def test_truncated_and_mutated_files(whole, work, ending, data):
-    """A log of finite values, or one sentence."""
+@given(
+    changes=st.lists(st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.integers(0, 255)), max_size=8),
+    kept=st.none() | st.floats(0.0, 1.0),
+)
+def test_truncated_and_mutated_files(whole, work, ending, changes, kept):
+    """A log of finite values, or one sentence. changes: bytes at shares of the file; kept: share of it that is left."""
     if ending not in whole:
         pytest.skip("needs hexsim[ros]")
     content = bytearray(whole[ending])
-    places = st.integers(0, len(content) - 1)
-    for place, value in data.draw(st.lists(st.tuples(places, st.integers(0, 255)), max_size=8)):
-        content[place] = value
-    if data.draw(st.booleans()):
-        del content[data.draw(places) :]
+    for share, value in changes:
+        content[int(share * len(content))] = value
+    if kept is not None:
+        del content[int(kept * len(content)) :]
     path = work / f"x.{ending}"
     path.write_bytes(content)
     try:
