@@ -53,8 +53,11 @@ def main() -> None:
     for number, verdict, _, left_open in found.rounds.iter_rows():
         print(f"round {number}: {verdict}; {left_open or 'nothing left open'}")
     print(f"ended: {found.ended}")
-    if bump := found.story["bump"]:
+    bump = found.story["bump"]
+    if isinstance(bump, dict):
         print(f"bump: {bump['plain_m_s2']:.3f} m/s2 as it was, {bump['compensated_m_s2']:.3f} m/s2 compensated")
+    elif bump:
+        print(f"the bump was not compared: {bump}")
     print(f"story: {found.to_folder() / 'report.html'}")
 
 

@@ -79,17 +79,13 @@ HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
-STEP_ERROR = (
-    1e-6,
-    2e3,
-)  # [m, Pa] of the model's steps and of straight volts within them: what is left where nothing else is
+# [m, Pa] of the model's steps and of straight volts within them: what is left where nothing else is
+STEP_ERROR = (1e-6, 2e3)
 NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known to 3 %, twice as large after 0.7 s
 FORGET_TICKS = 2000.0
 # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
 FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
-TURNING_ERROR = (
-    0.58  # of one that may stand: evenly likely between friction down and up, of a standard deviation of 1/sqrt(3)
-)
+TURNING_ERROR = 0.58  # of one that may stand: evenly likely between friction down and up, 1/sqrt(3)
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 
@@ -304,10 +300,9 @@ def _turns(window, i, k, noise_m_s):
 
 
 @compiled
-def _doubt_loads(s, window):
+def _doubt_loads(s, window, noise_m_s):
     """How uncertain the other legs' friction is in each knot [N]."""
     settings = s.settings
-    noise = speed_error(s)
     window.doubt_N[:] = 0.0
     for i in range(settings.legs):
         if i == settings.leg:
@@ -318,7 +313,7 @@ def _doubt_loads(s, window):
             share = FITTED_ERROR
             for k in range(q * KNOT, (q + 1) * KNOT):
                 if window.fitted[k, i] == 0:
-                    share = max(share, TURNING_ERROR if _turns(window, i, k, noise) else FRICTION_ERROR)
+                    share = max(share, TURNING_ERROR if _turns(window, i, k, noise_m_s) else FRICTION_ERROR)
             window.doubt_N[q] += (share * dry) ** 2
     for q in range(KNOTS):
         window.doubt_N[q] = sqrt(window.doubt_N[q])
@@ -343,7 +338,7 @@ def _load_windows(s, numbers):
     for w in range(fit.count):
         window = s.windows[w]
         before = 0.0
-        _doubt_loads(s, window)
+        _doubt_loads(s, window, noise)
         for k in range(WINDOW):
             load = numbers[MASS] * window.pose_m_s2[k]
             for i in range(settings.legs):

@@ -104,9 +104,9 @@ def plan_setpoints(s, table, preview):
     for j in range(QUEUE - 1):
         ref.setpoint_m[j] = ref.setpoint_m[j + 1]
     if not watch_setpoint(s.prediction, n if n > PREVIEW_TICKS else 1, bend, preview[0]):
-        bend = preview[n - 1] - 2.0 * preview[n - 2] + preview[n - 3] if n > 2 else 0.0
+        last_bend = preview[n - 1] - 2.0 * preview[n - 2] + preview[n - 3] if n > 2 else 0.0
         for j in range(QUEUE):
-            ref.setpoint_m[j] = _ahead(preview, j, bend)
+            ref.setpoint_m[j] = _ahead(preview, j, last_bend)
         return False
     _, here, after = predict(s.prediction, table, MAX_LOOK, preview[0])
     ref.setpoint_m[MAX_LOOK] = here

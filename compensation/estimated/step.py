@@ -60,9 +60,8 @@ from .reference import gains, loop_speed, next_lag, plan_motion, plan_setpoints
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
-LEAVE_S = (
-    1.5  # in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
-)
+# in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
+LEAVE_S = 1.5
 # of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
 LEAST_SHARE = 0.8
 STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
