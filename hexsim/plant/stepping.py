@@ -55,6 +55,7 @@ TOLERANCE = (
 LEVEL_S = 3.0  # in which that peak is forgotten: a motion is judged by its own peak, not by a crash before it
 LEAST_LEVEL = 0.01  # [m/s2] a fifth of what people feel: a machine at rest needs no short steps for its sensors' noise
 SAFE, LEAST_SHARE, LARGEST_SHARE = 0.9, 0.2, 2.0  # of the next step over the last one
+SAME_STEP = 1e-6  # of a step: as much longer than asked for it may be, so that rounding does not add one
 LONGER = 0.1  # of a step: so much longer it may be to fill the span, where SAFE has made it shorter
 FROM_POSITION, ALL_SENSORS = 1, 0  # mjSTAGE_POS: what depends on positions alone is there; no sensor is left out
 
@@ -372,11 +373,11 @@ def march(context, record, row, span, middle):
         error = last_error(context, h)
         if context.is_chosen:
             share = SAFE * (tolerance / (error + 1e-300)) ** (1.0 / 3.0)
-            is_evaluated = error > tolerance and h > SHORTEST_S
+            is_evaluated = error > tolerance and h > SHORTEST_S * (1.0 + 2.0 * SAME_STEP)
             context.next_step[0] = max(h * min(max(share, LEAST_SHARE), LARGEST_SHARE), SHORTEST_S)
             if is_evaluated:
                 take_back(context)
-                steps = max(math.ceil(left / context.next_step[0] - 1e-6), 1)
+                steps = max(math.ceil(left / context.next_step[0] - SAME_STEP), 1)
                 h = left / steps
                 continue
         else:
@@ -387,7 +388,9 @@ def march(context, record, row, span, middle):
             note_middle(context, record, row, h, middle)
         done, steps, left, middle = done + 1, steps - 1, left - h, middle - h
         if context.is_chosen and steps > 0:
-            planned = max(max(math.ceil(left / context.next_step[0] - LONGER), math.ceil(left / longest - 1e-6)), 1)
+            planned = max(
+                max(math.ceil(left / context.next_step[0] - LONGER), math.ceil(left / longest - SAME_STEP)), 1
+            )
             if planned != steps:
                 steps, h = planned, left / planned
     return done

@@ -5,6 +5,7 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.plant import Plant
 from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
 from hexsim.smoothness import band_limit
@@ -67,6 +68,19 @@ def test_a_rough_constant_step_says_its_error():
             "in the 50 Hz band is off" in text for text in run.summary["warnings"]
         )
     assert good.summary["step_error"] < 1e-3
+
+
+@pytest.mark.timeout(120)
+def test_a_jump_of_the_volts_at_rest_ends():
+    """The shortest step is taken, however large its error: at rest any jump is large beside the level, and at -2.75 V
+    the tick fell into steps that were longer than the shortest by their rounding alone."""
+    machine = load_machine("bench")
+    for volts in (-2.75, -1.0, 1.0, 2.75):
+        plant = Plant(machine)
+        plant.prepare(500.0)
+        plant.tick(np.array([volts]))
+        plant.check()
+        assert np.sign(plant.data.qvel[0]) == np.sign(volts)
 
 
 def test_measuring_the_error_changes_nothing():
