@@ -21,7 +21,7 @@ SHARED = (
     "compensator", "guard", "spool_model", "volts_bound", "records", "arithmetic", "least_squares", "prediction", "loop_feedback",
     "damping_design",
 )  # fmt: skip
-FOLDERS = ("adaptive", "estimated")  # every file of these
+FOLDERS = ("adaptive",)  # every file of these
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -42,7 +42,7 @@ class CompensationTable:
 def table_of(parameters: Parameters, voltage_max_V: float = 10.0) -> CompensationTable:
     """The learned curve of an algorithm's parameters.
 
-    Report algorithms: Eq. 5.2 or 5.3 with the learned a, q, r (of two curves their mean). `adaptive`, `estimated`,
+    Report algorithms: Eq. 5.2 or 5.3 with the learned a, q, r (of two curves their mean). `adaptive`,
     `repetitive`: the dead band of either direction, and the difference of the two gains from their mean. `exact`: the
     inverse of its flow curve.
     """
@@ -61,7 +61,7 @@ def table_of(parameters: Parameters, voltage_max_V: float = 10.0) -> Compensatio
     if "voltage_V" in parameters:
         return _of_flow_curve(parameters["voltage_V"], parameters["velocity_m_s"])
     raise ValueError(
-        "these parameters hold no curve that could be exported; give those of an adaptive, estimated, report or exact algorithm"
+        "these parameters hold no curve that could be exported; give those of an adaptive, report or exact algorithm"
     )
 
 

@@ -22,7 +22,7 @@ from numba import njit
 from .compensator import MOST_LEGS, Compensator, Context, Parameters
 from .guard import ACTS, BEGINS_ANEW, GUARD, RESTARTS, accept, check, start_guard
 
-EXPORTED = ("adaptive", "estimated")  # algorithms that are compiled throughout
+EXPORTED = ("adaptive",)  # algorithms that are compiled throughout
 LOADS = 32  # of a preview, more than any algorithm looks ahead
 # What is given before a tick, for that tick alone: `Sample.load_preview_m_s2`, and what all legs of a platform do.
 INPUTS = np.dtype((np.record, [

@@ -1,4 +1,4 @@
-"""Repetitive control: learning from period to period, on top of `estimated`.
+"""Repetitive control: learning from period to period, on top of `adaptive`.
 
 Where the motion is periodic, the error that feed-forward leaves is periodic too. The position error e(t) of a period is
 kept. Its harmonics, through the inverse of the closed loop's response to volts,
@@ -18,15 +18,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .compensator import Context, Parameters, Sample
-from .estimated.estimated import Estimated, EstimatedState
-from .estimated.leg import GAIN_DN, GAIN_UP, valve_lag_s
+from .adaptive.adaptive import Adaptive, AdaptiveState
+from .adaptive.leg import GAIN_DN, GAIN_UP, valve_lag_s
 
 MAX_PERIOD_S = 20.0
 MIN_TICKS = 20  # in a period
 
 
 @dataclass(slots=True)
-class RepetitiveState(EstimatedState):
+class RepetitiveState(AdaptiveState):
     """Also the correction, and the error of the period in progress."""
 
     ticks: int = 0  # in a period; 0 = there is none
@@ -39,13 +39,13 @@ class RepetitiveState(EstimatedState):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Repetitive(Estimated):
-    """`estimated`, and a correction learned over the period of the built-in signal generator.
+class Repetitive(Adaptive):
+    """`adaptive`, and a correction learned over the period of the built-in signal generator.
 
     learning: share of the correction taken up after a period; it falls over the first periods to `learning_low`:
     quick first, then averaging. Higher values learn faster and take up more noise. band_Hz: harmonics up to here are
     learned, tapering off over the last third. table_max_V: bound of the correction. Without `Context.period_s` it is
-    `estimated`.
+    `adaptive`.
     """
 
     name: str = "repetitive"
@@ -66,11 +66,11 @@ class Repetitive(Estimated):
                 state.error_m, state.correction_V, state.table_V = np.zeros(ticks), np.zeros(ticks), [0.0] * ticks
         return state
 
-    def step(self, state: EstimatedState, sample: Sample) -> tuple[float, EstimatedState]:
+    def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         volts, _ = super().step(state, sample)
         return volts + self._correction_V(state, sample), state
 
-    def _correction_V(self, state: EstimatedState, sample: Sample) -> float:
+    def _correction_V(self, state: AdaptiveState, sample: Sample) -> float:
         if not isinstance(state, RepetitiveState) or state.ticks == 0:
             return 0.0
         phase, s = state.phase, state.states
@@ -98,11 +98,11 @@ class Repetitive(Estimated):
         state.table_V = state.correction_V.tolist()
         state.periods += 1
 
-    def parameters(self, state: EstimatedState) -> Parameters:
+    def parameters(self, state: AdaptiveState) -> Parameters:
         table = list(state.table_V) if isinstance(state, RepetitiveState) else []
         return {**super().parameters(state), "table_V": table}
 
-    def finite(self, state: EstimatedState) -> bool:
+    def finite(self, state: AdaptiveState) -> bool:
         sound = not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
         return sound and super().finite(state)
 

@@ -25,7 +25,6 @@ from hexsim.identification.rounds import check_careful
 from hexsim.identification.story import write_story
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
-from hexsim.machine.files import changed
 from hexsim.motion_computer.compensator_packet import LONGEST, AskedCompensator, Piece, Texts, unpack_piece
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_limiter import PERIOD_s, setpoints_of
@@ -159,13 +158,13 @@ def test_what_a_machine_keeps_of_pieces_is_bounded():
 
 
 def test_every_number_of_a_leg_fits_into_a_request():
-    """Start parameters of `estimated` with as many digits as a number may have: their text is whole after its pieces; one that is
+    """Start parameters of `adaptive` with as many digits as a number may have: their text is whole after its pieces; one that is
     longer than a machine takes is refused where it is packed, and by the machine."""
-    made = compensation.create("estimated")
+    made = compensation.create("adaptive")
     longest = json.loads(
         json.dumps(made.parameters(made.start(Context()))), parse_float=lambda text: -1.2345678901234567e-100
     )
-    asked, texts = AskedCompensator(leg=1, n_legs=1, name="estimated", parameters=longest), Texts()
+    asked, texts = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=longest), Texts()
     found = [texts.add(piece) for data in asked.packets() if isinstance(piece := unpack_piece(data), Piece)]
     assert len(found) > 7 and found[-1] == asked
     with pytest.raises(HexsimError, match="a machine takes 32768"):
@@ -193,7 +192,7 @@ def test_what_acts_and_is_asked_for_again_changes_nothing(monkeypatch):
     assert len([asked.take(one) for one in packets][-1]) == 6
 
 
-@pytest.mark.parametrize(("algorithm", "part"), [("adaptive", "flow"), ("estimated", "numbers")])
+@pytest.mark.parametrize(("algorithm", "part"), [("adaptive", "flow"), ("adaptive", "numbers")])
 def test_a_host_puts_a_compensator_into_the_loop_and_takes_it_out(served, algorithm, part):
     """With what it learned elsewhere; a name with a module and parameters of another algorithm are refused, plain control stays."""
     made = compensation.create(algorithm)
@@ -507,61 +506,6 @@ def test_a_leg_that_does_not_follow_is_refused():
         with pytest.raises(HexsimError, match="position_m does not follow"):
             check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
     check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
-
-
-def test_the_compensator_starts_with_the_rounding_of_the_file():
-    """2 um of a spool that travels 1.1 mm for 10 V are 18 mV, whatever the twin's heave has told; sharp edges, and a four-way valve,
-    keep what was learned."""
-    bench, learned = load_machine("bench"), [{"rounding_V": 0.01, "flow": {}}]
-    travel = {"valve.spool_travel_max_m": 1.1e-3, "valve.voltage_max_V": 10.0, "valve.edge_rounding_m": 2e-6}
-    found = bump.with_rounding(learned, changed(bench, travel))
-    assert found == [{"rounding_V": pytest.approx(2e-6 / 1.1e-4), "flow": {}}]
-    assert bump.with_rounding(learned, changed(bench, travel | {"valve.edge_rounding_m": 0.0})) == learned
-    servo = SimpleNamespace(cylinder=SimpleNamespace(rod_side="valve"), of_legs=changed(bench, travel).of_legs)
-    assert bump.with_rounding(learned, servo) == learned
-
-
-def test_the_compensator_of_a_leg_that_leaks_starts_with_the_null_of_the_file():
-    """A null and a leak that trade: 1.5 mV too much of the null go, and the leak is less by as much oil, so that both edges pass the
-    same flow, k (u - null -+ dead band) + leak, at any volts. Without a leak, with a null that drifts, on a four-way valve:
-    as learned."""
-    edge = {
-        "theta": [0.15, 0.00675, 6e-4],
-        "theta_backlash": [0.15, 0.00675, 6e-4, 0.0],
-        "gain_m_s_V": 0.15,
-        "dead_band_V": 0.045,
-    }
-    flow = {"null_V": 7.5e-3, "leak_m_s": 5.7e-3, "extend": edge, "retract": edge}
-    bench = changed(load_machine("bench"), {"effects.null_offset.offset_V": 6e-3})
-    [found] = bump.with_null([{"flow": flow}], bench)
-    out, back = found["flow"]["extend"], found["flow"]["retract"]
-    assert found["flow"]["null_V"] + 0.5 * (out["dead_band_V"] - back["dead_band_V"]) == pytest.approx(6e-3)
-    for before, after, side in ((edge, out, 1.0), (edge, back, -1.0)):
-        for learned, own in ((flow, before), (found["flow"], after)):
-            assert own["theta"][1] == own["theta_backlash"][1] == pytest.approx(0.15 * own["dead_band_V"])
-            closed_m_s = 0.15 * (-learned["null_V"] - side * own["dead_band_V"]) + learned["leak_m_s"]
-            assert closed_m_s == pytest.approx(0.15 * (-7.5e-3 - side * 0.045) + 5.7e-3)
-    tight = [{"flow": flow | {"leak_m_s": 0.0}}]
-    assert bump.with_null(tight, bench) == tight
-    assert bump.with_null([{"flow": flow}], changed(bench, {"effects.null_drift.drift_V_s": 1e-3})) == [{"flow": flow}]
-    assert bump.with_null([{"flow": flow}], load_machine("servo_bench")) == [{"flow": flow}]
-
-
-def test_the_compensator_starts_with_the_delays_of_the_file_where_the_twin_is_smoother(monkeypatch):
-    """A valve that is 1 ms late and a position that is 0.4: 1.4 ms, 0.4 of them the position's, where the twin's bump falls by more
-    than a tenth with them; else, without a delay in the file, and of a four-way valve, as learned."""
-    learned, late = [{"delay": {"late_s": 2.5e-4}}], {"effects.position_delay.delay_s": 4e-4}
-    bench = changed(load_machine("bench"), late | {"effects.valve_delay.delay_s": 1e-3})
-    bumps = {"as learned": 0.05, "told": 0.02}
-    monkeypatch.setattr(
-        bump, "twin_bump", lambda twin, one: bumps["told" if "told_s" in one[0]["delay"] else "as learned"]
-    )
-    [found] = bump.with_delay(learned, bench)
-    assert found["delay"] == {"late_s": 2.5e-4, "told_s": pytest.approx([1.4e-3, 4e-4])}
-    assert bump.with_delay(learned, load_machine("bench")) == learned
-    assert bump.with_delay(learned, changed(load_machine("servo_bench"), late)) == learned
-    bumps["told"] = 0.046
-    assert bump.with_delay(learned, bench) == learned
 
 
 def test_what_follows_a_signal_at_the_noise_is_said():

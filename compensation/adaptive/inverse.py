@@ -1,78 +1,224 @@
-"""Inverse of the identified valve: volts that let a demanded oil displacement through, tick by tick.
+"""Volts that make the model's leg follow a demanded motion: nonlinear least squares over a receding window of ticks.
 
-Two signals leave it apart, for the spool follows each through taps of its own (taps.py): the volts for the mean flow
-of a tick, and the dead-band compensation, which crosses the overlap where the flow reverses. While the spool crosses,
-the valve is shut and blocks flow. Crossing flow compensation gives a share of the blocked oil in the two ticks before
-the crossing and in the two after it. Where edges are known to be rounded the first signal is the inverse of both edges
-together, and the second the step across what of the overlap lies within.
+Each tick one more set of volts is kept. The residuals of a window of `AHEAD` ticks are the acceleration's error in a low pass,
+those of speed and position, and the second difference of the volts. The derivatives are those of the model with blunt edges,
+so that they know of an edge on the other side of a dead band: bluntest in the ticks that have just come into sight. The residuals
+are the model's own.
 """
 
 from __future__ import annotations
 
-import math
-
 from ..compiled import compiled
-from .chambers import pair_volts
-from .edge_rounding import MIN_ROUNDING_V, rounding_correction_V
-from .spool import blocked_flow
+from .fit import backward, cholesky, forward
+from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_TICK, V, Y, tangent, tick
 
-LEAST_ROUNDING_V, SHARP = 1e-3, 4.0  # of a four-way valve; roundings by which the step across an overlap is less
-CROSSING_FLOW_SHARE = 0.6  # of the blocked oil that is compensated [1]; less than half or all leaves a larger bump
-
-
-@compiled
-def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
-    """Volts for the flow and dead-band compensation that a spool without lag would need, three ticks before the
-    boundary at which `oil_m` [m] is demanded; roots: sqrt(dp/dp_ref) of the edges to tank and from the supply."""
-    if not inverse.started:
-        inverse.started, inverse.oil_m = True, oil_m
-    newest = (oil_m - inverse.oil_m) / inverse.tick_s - leak_m_s
-    inverse.oil_m = oil_m
-    old, mean = inverse.flows_m_s[0], inverse.flows_m_s[1]
-    inverse.old_m_s, inverse.flows_m_s[0], inverse.flows_m_s[1] = old, mean, newest
-    first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
-    down, up = valve.edges[0], valve.edges[1]
-    edge, root = valve.edges[1 if mean > 0 else 0], roots[1 if mean > 0 else 0]
-    rounded = valve.four_way or (trim.known != 0 and trim.rounding_V > MIN_ROUNDING_V)
-    less = 0.0 if rounded else rounding_correction_V(trim, abs(mean), edge.gain_m_s_V, edge.dead_band_V)
-    sharpness = 1.0 + less / max(edge.dead_band_V, -less) if less != 0.0 else 1.0
-    up_V, down_V = up.dead_band_V, down.dead_band_V
-    flow = inverse.flow_V
-    flow[0], flow[1] = flow[1], flow[2]
-    flow[2] = mean / (edge.gain_m_s_V * root)
-    if rounded:
-        rounding_V = max(trim.rounding_V, trim.minimum_V, LEAST_ROUNDING_V)
-        up_V, down_V = max(up_V - SHARP * rounding_V, 0.0), max(down_V - SHARP * rounding_V, 0.0)
-        volts = pair_volts(mean, valve.edges, roots, rounding_V)
-        flow[2] = _beyond(volts, up_V) if mean > 0 else -_beyond(-volts, down_V)
-    flow[2] += inverse.crossing_V[0]
-    inverse.crossing_V[0], inverse.crossing_V[1] = inverse.crossing_V[1], 0.0
-    inverse.crossed = first * last < 0.0
-    if inverse.crossed:
-        share = first / (first - last)
-        half = 0.5 * sharpness * (up_V + down_V)
-        _compensate_crossing(inverse, share, (last - first) / (edge.gain_m_s_V * root), half, path)
-        side = math.copysign(1.0, last) * (1.0 - 2.0 * share)
-    else:
-        side = 1.0 if mean > 0 else (-1.0 if mean < 0 else 0.0)
-    older = inverse.dead_band_V[0]
-    inverse.dead_band_V[0] = inverse.dead_band_V[1]
-    inverse.dead_band_V[1] = 0.5 * sharpness * (up_V * (1.0 + side) - down_V * (1.0 - side))
-    return flow[0], older
+AHEAD = 14  # ticks: 28 ms, longer than a spool of 25 Hz takes to cross
+FELT_HZ = 60.0  # corner of the low pass, of second order: above the band in which a bump is judged
+# [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a narrow dead band from edge to edge
+WEIGHTS = (1e-2, 1e-3, 1e-4, 9e-2)
+TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
+BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick
+LEAST_BLUNT_V = 2e-3
+ROUGHEST = 2.0 / 3.0  # of the half dead band, as WEIGHTS[3]: a wide one is crossed in as many ticks as a narrow one
+DAMPING = (1e-6, 1e-2, 1.0)
 
 
 @compiled
-def _beyond(volts, edge_V):
-    """Volts beyond an edge; in the tick that crosses a wide overlap they end before it, which the dead-band volts do."""
-    return max(volts - edge_V, 0.0) if edge_V > 0.0 else volts
+def low_pass(memory, x, sheet):
+    """One tick of the low pass; memory (2,)."""
+    o = sheet[S_PASS] * x + memory[0]
+    memory[0] = 2.0 * sheet[S_PASS] * x - sheet[S_POLE1] * o + memory[1]
+    memory[1] = sheet[S_PASS] * x - sheet[S_POLE2] * o
+    return o
 
 
 @compiled
-def _compensate_crossing(inverse, share, slope_V, half_V, path):
-    """Crossing flow compensation: the flow reverses in the newest tick, when `share` of the tick is over."""
-    before, after = blocked_flow(path, share, abs(slope_V), half_V)
-    sign = math.copysign(CROSSING_FLOW_SHARE, slope_V)
-    inverse.flow_V[0] += sign * before * (1.0 - share)
-    inverse.flow_V[1] += sign * before * share
-    inverse.crossing_V[0] = sign * after * (1.0 - share)
-    inverse.crossing_V[1] = sign * after * share
+def roughness(th):
+    """What a second difference of the volts weighs [1/V]."""
+    return 1.0 / max(WEIGHTS[3], ROUGHEST * 0.5 * (th[DEAD_UP] + th[DEAD_DN]))
+
+
+@compiled
+def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, none, w, path):
+    """Residuals r (4 AHEAD,) of volts U (AHEAD,) from the state x. before, older: the volts sent last. y, v (AHEAD + 1,): demanded at
+    the window's ticks. extra (AHEAD,): by the other legs [N]. path (AHEAD + 1, N_STATES) takes the states."""
+    s[:] = x
+    path[0, :] = x
+    g0, g1 = filtered[0], filtered[1]
+    cost, tick_s, rough = 0.0, sheet[S_TICK], roughness(th)
+    for i in range(AHEAD):
+        last = U[i - 1] if i > 0 else before
+        last2 = U[i - 2] if i > 1 else (before if i == 1 else older)
+        speed = s[V]
+        tick(s, none, th, sheet, U[i], last, split, supply, extra[i], w)
+        path[i + 1, :] = s
+        e = ((s[V] - speed) - (v[i + 1] - v[i])) / tick_s
+        o = sheet[S_PASS] * e + g0
+        g0 = 2.0 * sheet[S_PASS] * e - sheet[S_POLE1] * o + g1
+        g1 = sheet[S_PASS] * e - sheet[S_POLE2] * o
+        r[i] = o / WEIGHTS[0]
+        r[AHEAD + i] = (s[V] - v[i + 1]) / WEIGHTS[1]
+        r[2 * AHEAD + i] = (s[Y] - y[i + 1]) / WEIGHTS[2]
+        r[3 * AHEAD + i] = (U[i] - 2.0 * last + last2) * rough
+        for k in range(4):
+            cost += r[k * AHEAD + i] * r[k * AHEAD + i]
+    return cost
+
+
+@compiled
+def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, d_now, d_before, s, w):
+    """J (4 AHEAD, AHEAD): derivatives of the residuals by the volts, along the states `path`."""
+    S[:, :] = 0.0
+    J[:, :] = 0.0
+    tick_s, rough = sheet[S_TICK], roughness(th)
+    for j in range(AHEAD):
+        d_now[j] = d_before[j] = 0.0
+    for i in range(AHEAD):
+        d_now[i] = 1.0
+        if i > 0:
+            d_now[i - 1], d_before[i - 1] = 0.0, 1.0
+        if i > 1:
+            d_before[i - 2] = 0.0
+        s[:] = path[i]
+        last = U[i - 1] if i > 0 else before
+        for j in range(i + 1):
+            J[i, j] = -S[V, j]
+        tangent(
+            s,
+            S,
+            i + 1,
+            i + 1,
+            False,
+            th,
+            sheet,
+            U[i],
+            last,
+            split,
+            d_now,
+            d_before,
+            0.0,
+            supply,
+            extra[i],
+            -1,
+            max(blunt * (i / (AHEAD - 1.0)) ** 2, LEAST_BLUNT_V),  # the next ticks have been solved for many times
+            w,
+        )
+        for j in range(i + 1):
+            J[i, j] = (J[i, j] + S[V, j]) / tick_s
+            J[AHEAD + i, j] = S[V, j] / WEIGHTS[1]
+            J[2 * AHEAD + i, j] = S[Y, j] / WEIGHTS[2]
+        J[3 * AHEAD + i, i] = rough
+        if i > 0:
+            J[3 * AHEAD + i, i - 1] = -2.0 * rough
+        if i > 1:
+            J[3 * AHEAD + i, i - 2] = rough
+    for j in range(AHEAD):  # the low pass, column by column
+        g0 = g1 = 0.0
+        for i in range(j, AHEAD):
+            e = J[i, j]
+            o = sheet[S_PASS] * e + g0
+            g0 = 2.0 * sheet[S_PASS] * e - sheet[S_POLE1] * o + g1
+            g1 = sheet[S_PASS] * e - sheet[S_POLE2] * o
+            J[i, j] = o / WEIGHTS[0]
+
+
+@compiled
+def _smooth(U, before):
+    """Volts U (AHEAD,) averaged with their neighbours: a step's second difference falls to a half."""
+    last = before
+    for i in range(AHEAD):
+        now = U[i]
+        U[i] = 0.25 * (last + 2.0 * now + U[min(i + 1, AHEAD - 1)])
+        last = now
+
+
+@compiled
+def _take(U, r, path, other, its_r, its_path):
+    """Other volts, with their residuals and states."""
+    U[:] = other
+    r[:] = its_r
+    path[:, :] = its_path
+
+
+@compiled
+def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
+    """Up to TRIES steps of U (AHEAD,), in place. Returns the cost."""
+    split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
+    r, r2, J, S, path, path2, H, L, step, U2, s, w, d_now, d_before = (
+        ws.r, ws.r2, ws.J, ws.S, ws.path, ws.path2, ws.H, ws.L, ws.step, ws.U2, ws.s, ws.w, ws.d_now, ws.d_before,
+    )  # fmt: skip
+    cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, S, w, path)
+    half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
+    soft = max(BLUNT * half, LEAST_BLUNT_V)
+    for _ in range(TRIES):
+        window_slope(path, U, before, th, sheet, split, supply, extra, soft, J, S, d_now, d_before, s, w)
+        for a in range(AHEAD):
+            for b in range(a + 1):
+                total = 0.0
+                for i in range(a, AHEAD):
+                    total += (
+                        J[i, a] * J[i, b]
+                        + J[AHEAD + i, a] * J[AHEAD + i, b]
+                        + J[2 * AHEAD + i, a] * J[2 * AHEAD + i, b]
+                    )
+                    total += J[3 * AHEAD + i, a] * J[3 * AHEAD + i, b]
+                H[a, b] = total
+        better = False
+        for k in range(3):
+            for a in range(AHEAD):
+                for b in range(a + 1):
+                    L[a, b] = H[a, b]
+                L[a, a] *= 1.0 + DAMPING[k]
+                total = 0.0
+                for i in range(a, AHEAD):
+                    total += J[i, a] * r[i] + J[AHEAD + i, a] * r[AHEAD + i] + J[2 * AHEAD + i, a] * r[2 * AHEAD + i]
+                    total += J[3 * AHEAD + i, a] * r[3 * AHEAD + i]
+                step[a] = total
+            if not cholesky(L, AHEAD):
+                continue
+            forward(L, AHEAD, step)
+            backward(L, AHEAD, step)
+            for a in range(AHEAD):
+                U2[a] = min(max(U[a] - step[a], -limit_V), limit_V)
+            c2 = window_cost(x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2)
+            if c2 < cost:
+                better = True
+                break
+        if better:
+            done = cost - c2 < 1e-3 * cost
+            cost = c2
+            _take(U, r, path, U2, r2, path2)
+            if done:
+                break
+        elif soft > LEAST_BLUNT_V:
+            soft = max(0.25 * soft, LEAST_BLUNT_V)
+        else:
+            break
+    return cost
+
+
+@compiled
+def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
+    """Volts U (AHEAD,), in place. Returns the cost. Where they leave more than the residuals' own sizes, it also begins from the smoothed
+    volts of steady motion, ws.steady (AHEAD,): a dead band between makes a minimum on either side."""
+    cost = _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws)
+    if cost > 4.0 * AHEAD:
+        _smooth(ws.steady, before)
+        other = _solve(x, ws.steady, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws)
+        if other < cost:
+            U[:] = ws.steady
+            return other
+    return cost
+
+
+@compiled
+def keep_first(x, U, before, y, v, filtered, th, sheet, supply, extra, none, w):
+    """The window moves on by a tick: the state under the first volts, the low pass' state, and the volts shifted."""
+    split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
+    speed = x[V]
+    tick(x, none, th, sheet, U[0], before, split, supply, extra[0], w)
+    e = ((x[V] - speed) - (v[1] - v[0])) / sheet[S_TICK]
+    o = low_pass(filtered, e, sheet)
+    for i in range(AHEAD - 1):
+        U[i] = U[i + 1]
+    return o

@@ -1,4 +1,4 @@
-"""The adaptive algorithm on all legs of a machine in one compiled call."""
+"""The algorithm on all legs of a machine in one compiled call."""
 
 from __future__ import annotations
 
@@ -8,84 +8,83 @@ from typing import Any
 import numpy as np
 
 from ..compiled import compiled
-from ..guard import TELLS
-from ..legs import Legs, tell
+from ..legs import Legs
 from ..prediction import prediction_table
+from .damping import design_damping
 from .layout import STATE
-from .start import finite_from
-from .step import DESIGN_WANTED, expect, tick_of
-from .taps import design
+from .step import SAY_TICKS, hear_leg, tick_of
+
+
+@compiled
+def is_finite(s):
+    """Whether the volts ahead and the model's state are."""
+    total, inverse = 0.0, s.inverse
+    for k in range(len(inverse.U)):
+        total += inverse.U[k] - inverse.U[k]  # not 0 of one that is not finite
+    for k in range(len(inverse.x)):
+        total += inverse.x[k] - inverse.x[k]
+    return total == 0.0
+
+
+@compiled
+def tells(s):
+    """Whether a leg of a platform says what it knows: every SAY_TICKS ticks."""
+    return s.platform != 0 and s.past.ticks % SAY_TICKS == 0
 
 
 @compiled
 def tick_legs(
-    states, numbers, acts, table, preview, counts, loads_m_s2, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
-    supply_Pa, extra_V, added_V, told, finite,
+    states, acts, table, preview, counts, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply,
+    forward, added_V, finite,
 ):  # fmt: skip
-    """`tick` of those states (n,) that act (n,), into added_V, told, finite (n,). numbers (n, doubles): the states' memory. preview,
-    loads (n, most) in rows, of which counts (n,) are the leg's. Returns what any of them tells."""
-    any_told = 0
+    """`tick_of` of those states (n,) that act (n,), with the damping's design, into added_V and finite (n,). preview, loads
+    (n, most) in rows, of which counts (n,) are the leg's; pose (n,), mobility (n, n) or (n, 0)."""
     for i in range(len(states)):
         if acts[i]:
-            expect(states[i], loads_m_s2[i, : counts[i]])
-            added_V[i], told[i] = tick_of(
-                states[i], table, preview[i, : counts[i]], setpoint_m[i], position_m[i], control_V[i], valve_V[i], bottom_Pa[i],
-                top_Pa[i], supply_Pa, extra_V[i],
+            added_V[i] = tick_of(
+                states[i], table, preview[i, : counts[i]], loads[i, : counts[i]], pose[i], mobility[i], forces, speeds,
+                setpoint[i], position[i], valve[i], bottom[i], top[i], supply, forward[i],
             )  # fmt: skip
-            finite[i] = finite_from(numbers[i], 0)
-            any_told |= told[i]
-    return any_told
+            if states[i].damping.wanted:
+                design_damping(states[i])
+            finite[i] = is_finite(states[i])
+
+
+@compiled
+def share_legs(states, acted, alike):
+    """Each leg that has just acted and `tells` says what it knows to those that are alike (n, n)."""
+    for i in range(len(states)):
+        if acted[i] and tells(states[i]):
+            for j in range(len(states)):
+                if j != i and alike[i, j]:
+                    hear_leg(states[j], states[i])
 
 
 class AdaptiveLegs:
-    """The states of all legs in one array; each `AdaptiveState` has its part of it. algorithm: `Adaptive`, or derived from it;
-    has_extra: which then adds volts of its own."""
+    """The states of all legs in one array; each `AdaptiveState` has its part of it."""
 
-    def __init__(self, algorithm: Any, states: Sequence[Any], has_extra: bool) -> None:
-        self.algorithm, self.states, self._has_extra = algorithm, list(states), has_extra
-        self.joined = np.zeros(len(states), STATE)
-        self.numbers = self.joined.view(np.float64).reshape(len(states), -1)
-        self.may_speak = True
-        self._told, self._any = np.zeros(len(states), np.int64), 0
-        self._was: list[int] = []
+    may_speak = False
+
+    def __init__(self, states: Sequence[Any]) -> None:
+        self.joined, self.states = np.zeros(len(states), STATE), list(states)
         for i, state in enumerate(states):
             self.renew(i, state)
+        self._ticks = self.joined["past"]["ticks"]
 
     def renew(self, leg: int, state: Any) -> None:
         """A leg goes on with another state."""
         self.states[leg], self.joined[leg] = state, state.states[0]
         state.states = self.joined[leg : leg + 1]
-        state.flat = self.numbers[leg]
-        self._told[leg], self._was = state.told, []
 
     def step(self, legs: Legs, acts: np.ndarray, added: np.ndarray, finite: np.ndarray) -> None:
         """As `Adaptive.step` and `Adaptive.finite`."""
-        made, states = self.algorithm, self.states
-        extra = 0.0 - legs.feed_forward_V  # not -0.0, as `Adaptive.step`
-        if self._has_extra:
-            for i, sample in enumerate(legs.samples()):
-                if acts[i]:
-                    extra[i] = made.extra(states[i], sample) - sample.feed_forward_V
-        self._any = tick_legs(
-            self.joined, self.numbers, acts, prediction_table(), legs.preview_m, legs.counts, legs.load_preview_m_s2,
-            legs.setpoint_m, legs.position_m, legs.control_V, legs.valve_V, legs.pressure_bottom_Pa, legs.pressure_top_Pa,
-            legs.pressure_supply_Pa, extra, added, self._told, finite,
+        tick_legs(
+            self.joined, acts, prediction_table(), legs.preview_m, legs.counts, legs.load_preview_m_s2, legs.load_of_pose_m_s2,
+            legs.mobility, legs.forces_N, legs.speeds_m_s, legs.setpoint_m, legs.position_m, legs.valve_V,
+            legs.pressure_bottom_Pa, legs.pressure_top_Pa, legs.pressure_supply_Pa, legs.feed_forward_V, added, finite,
         )  # fmt: skip
-        told = self._told.tolist()
-        self.may_speak = told != self._was
-        if self.may_speak:
-            self._was = told
-            for state, its in zip(states, told, strict=True):
-                state.told = its
-        if self._any & DESIGN_WANTED:
-            for i, state in enumerate(states):
-                if acts[i] and state.told & DESIGN_WANTED:
-                    design(state.numbers)
-        if self._has_extra:
-            for i, state in enumerate(states):
-                finite[i] = finite[i] and made.has_sound_extra(state)
 
     def share(self, acted: np.ndarray, alike: np.ndarray) -> None:
-        """What legs have just learned, to those that are alike (n_legs, n_legs)."""
-        if self._any & TELLS:
-            tell([self.algorithm] * len(self.states), self.states, acted, alike)
+        """What legs know, to those that are alike (n_legs, n_legs)."""
+        if not (self._ticks % SAY_TICKS).all():
+            share_legs(self.joined, acted, alike)

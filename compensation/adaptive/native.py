@@ -1,25 +1,41 @@
-"""The adaptive algorithm for native code."""
+"""The algorithm for native code."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+
+from ..compensator import MOST_LEGS, Context
 from ..compiled import compiled
-from ..damping_design import MAX_DAMPING_TAPS
+from ..guard import TELLS
 from ..native import Native
 from ..prediction import prediction_table
+from ..records import record
+from .damping import design_damping
 from .adaptive import Adaptive, AdaptiveState
-from .layout import LEARNED, SETTINGS, STATE
-from .learned import as_dict, fill
-from .ranges import refused_parameter
-from .start import finite_from, keep, restore, start
-from .step import expect, hear, tick_of
-from .taps import design
+from .layout import SETTINGS, STATE
+from .learned import LEARNED, PRIOR, as_dict, fill, keep, refused_number, restore
+from .leg import NAMES
+from .legs import is_finite, tells
+from .step import hear_leg, start, tick_of
+
+NUMBERS = SETTINGS.names or ()
+GIVEN = record(
+    **dict.fromkeys(NUMBERS, "f8"), spool_damping="f8", position_noise_m="f8", position_resolution_m="f8", mobility=("f8", (MOST_LEGS,))
+)  # fmt: skip
+LEG, ALL_LEGS, MOBILITY = NUMBERS.index("leg"), NUMBERS.index("legs"), GIVEN.fields["mobility"][1] // 8  # type: ignore[index]
+assert (len(NUMBERS) - 2, len(NUMBERS) - 1) == (LEG, ALL_LEGS)
 
 
 @compiled
 def start_given(s, own, given):
-    """s: a record STATE of zeros; own (n,): its doubles, the settings first; given (n,): of SETTINGS."""
-    for i in range(len(given)):
+    """s: a record STATE of zeros; own (n,): its doubles, the settings first; given (n,): of GIVEN."""
+    for i in range(LEG):
         own[i] = given[i]
+    s.settings.leg, s.settings.legs = int(given[LEG]), int(given[ALL_LEGS])
+    for i in range(MOST_LEGS):
+        s.mobility[i] = given[MOBILITY + i]
     start(s)
 
 
@@ -27,39 +43,47 @@ def start_given(s, own, given):
 def tick_given(
     s, inputs, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
 ):
-    """`expect` and `tick_of` with the loads of inputs."""
-    expect(s, inputs.loads_m_s2[: inputs.loads])
-    return tick_of(
-        s, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, 0.0 - forward_V
-    )
+    """`tick_of` with inputs, and the damping's design."""
+    n = inputs.legs
+    volts = tick_of(
+        s, table, preview, inputs.loads_m_s2[: inputs.loads], inputs.pose_m_s2, inputs.mobility[:n], inputs.forces_N[:n],
+        inputs.speeds_m_s[:n], setpoint_m, position_m, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V,
+    )  # fmt: skip
+    if s.damping.wanted:
+        design_damping(s)
+    return volts, TELLS if tells(s) else 0
 
 
 @compiled
-def is_finite(s, own):
-    """Whether the doubles of a state are; own (n,)."""
-    return finite_from(own, 0)
+def finite(s, own):
+    """As `is_finite`."""
+    return is_finite(s)
 
 
 @compiled
 def forget(learned):
-    """As `Adaptive.resume`: in motion nothing is armed."""
-    learned.plain_control.baseline_m_s2[:] = 0.0
-    learned.plain_control.reversal_m_s2[:] = 0.0
+    """What is known holds in motion too."""
+    return
 
 
 @compiled
 def refused(known, whole):
-    """As `refused_parameter`."""
-    return refused_parameter(known, whole.algorithm.settings)
+    """As `refused_number`."""
+    return refused_number(known, whole.algorithm.settings, whole.prior)
+
+
+def state_of(context: Context, states: np.ndarray, told: int) -> Any:
+    """The state around states (1,)."""
+    return AdaptiveState(context, states)
 
 
 NATIVE = Native(
-    algorithm=Adaptive, state_of=AdaptiveState, settings=SETTINGS, learned=LEARNED, state=STATE, table=prediction_table,
+    algorithm=Adaptive, state_of=state_of, settings=GIVEN, learned=LEARNED, state=STATE, space={"prior": PRIOR}, table=prediction_table,
     positive=(
-        "tick_s", "position_gain_V_per_m", "voltage_max_V", "stroke_m", "area_ratio", "bulk_modulus_Pa", "reference_drop_Pa",
-        "jerk_m_s3", "presliding_m_s", "damping_count", "window_s", "memory_windows", "engage_s", "feed_forward_s", "disengage_s",
-        "damping_low_Hz", "damping_high_Hz", "spool_damping", "stribeck_velocity_m_s", "edge_V", "velocity_gain_m_s_V",
+        "tick_s", "position_gain_V_per_m", "voltage_max_V", "stroke_m", "area_bottom_m2", "area_top_m2", "supply_pressure_Pa",
+        "bulk_modulus_Pa", "stribeck_velocity_m_s", "edge_V", "velocity_gain_m_s_V", "own_mobility", "load_over_weight",
+        "spool_damping",
     ),
-    ranges={"damping_count": (0.0, MAX_DAMPING_TAPS)}, start=start_given, tick=tick_given, finite=is_finite, hear=hear, keep=keep,
-    forget=forget, restore=restore, refused=refused, design=design, as_dict=as_dict, fill=fill,
+    ranges={"leg": (0.0, MOST_LEGS - 1.0), "legs": (0.0, MOST_LEGS)}, start=start_given, tick=tick_given, finite=finite, hear=hear_leg,
+    keep=keep, forget=forget, restore=restore, refused=refused, as_dict=as_dict, fill=fill, names={"numbers": NAMES, "scale": NAMES},
 )  # fmt: skip

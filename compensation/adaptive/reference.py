@@ -1,18 +1,12 @@
-"""Reference of the feed-forward, PREVIEW_TICKS ahead: it lets the feed-forward come in without a jerk.
+"""The motion that is demanded of the leg, from now to the end of what the inverse looks at, planned anew each tick.
 
-    y_m' = g r' + s D(Kp (r - y_m) - (1 - h) n) + (1 - h) q
-    D(w) = w - (1 - h) delta w / sqrt(w^2 + (SOFTNESS delta)^2);   midpoint rule
+    y = r - lag,   lag' = (1 - g) r' - D(Kp lag),   v = g r' + D(Kp lag)         midpoint rule
 
-r is the setpoint, n the valve's null, q the velocity that a leak gives, delta the valve's half dead band, s its gain,
-g the share of the feed-forward, h that of the dead-band compensation. With g = h = 0 this is the motion that the position
-loop makes of the setpoint through the uncompensated valve, but for the standstill at a reversal, which it passes
-smoothly. So engaging in the midst of a stroke hardly changes the motion. h then rises to 1: no dead band. So does g, in
-motion with small turns once the compensation is trusted (trust.py). With g = 1 y_m = r: full velocity feed-forward.
+r is the setpoint, D the speed that volts give through the identified valve. Where nothing is compensated, g = 0 and D has the dead
+band, softened: the motion that plain control makes but for its bumps, so that the volts come in without a step. Then D loses its
+dead band and g rises to 1: the leg follows the setpoint itself.
 
-The load a of the pressure is y_m''. A leg of a platform is told what the setpoints of all legs give it, a_r; the other
-legs lag like this one:
-
-    a' = g a_r' + w (a_r - a),     w the mean of s Kp over both directions
+The platform's load at the leg follows what all legs' setpoints ask for: a = a_r - b,  b' = (1 - g) a_r' - b (mean of D' Kp).
 """
 
 from __future__ import annotations
@@ -20,59 +14,144 @@ from __future__ import annotations
 from math import sqrt
 
 from ..compiled import compiled
-
-NO_LAG_M = 1e-9  # lag that counts as none once the feed-forward is all in
-SOFTNESS = 2.0  # half dead bands about zero within which D is softened
-SOFTNESS_UNDERLAP = 1.0  # of a negative one: the gain is twice as high where both edges are open
+from ..prediction import MAX_LOOK, PREVIEW_TICKS, predict, watch_setpoint
+from .layout import QUEUE
+from .leg import (
+    COULOMB_DN,
+    COULOMB_UP,
+    DEAD_DN,
+    DEAD_UP,
+    GAIN_DN,
+    GAIN_UP,
+    HOLD,
+    MASS,
+    PLAY,
+    S_A1,
+    S_A2,
+    S_FLOW,
+    S_FOUR_WAY,
+    S_TANK,
+)  # fmt: skip
 
 
 @compiled
-def advance_reference(reference, behind_m, here_m, ahead_m):
-    """One tick on; setpoints at the boundary before, at the one asked for, and after."""
-    tick, share, lag = reference.tick_s, reference.feed_forward, reference.lag_m
-    if share == 1.0 and -NO_LAG_M < lag < NO_LAG_M:
-        lag = loop_m_s = 0.0
+def gains(s):
+    """Speed of a volt up and down, beyond the dead band."""
+    n, sheet = s.numbers, s.sheet
+    if n[MASS] == 0.0:
+        return s.settings.velocity_gain_m_s_V, s.settings.velocity_gain_m_s_V
+    a1, supply = sheet[S_A1], s.past.supply_mean_Pa
+    four = sheet[S_FOUR_WAY] != 0.0
+    up, down = _roots(n, sheet, supply, four, sheet[S_A2] / a1)
+    return sheet[S_FLOW] * n[GAIN_UP] * up / a1, sheet[S_FLOW] * n[GAIN_DN] * down / a1
+
+
+@compiled
+def _roots(n, sheet, supply, four, ratio):
+    """Roots of the pressure drop across the open edge, up and down, at the held force and Coulomb friction."""
+    a1, tank = sheet[S_A1], sheet[S_TANK]
+    up_N, dn_N = n[HOLD] + n[COULOMB_UP], n[HOLD] - n[COULOMB_DN]
+    if four:  # Q2 = ratio Q1 through like edges: drops as 1 to ratio^2
+        m = 1.0 + ratio * ratio * ratio
+        return sqrt(max((supply - tank - up_N / a1) / m, 1.0)), sqrt(
+            max((ratio * (supply - tank) + dn_N / a1) / m, 1.0)
+        )
+    held = ratio * supply
+    return sqrt(max(supply - held - up_N / a1, 1.0)), sqrt(max(held + dn_N / a1 - tank, 1.0))
+
+
+@compiled
+def loop_speed(s, lag_m, left, up, down):
+    """Speed that the position loop gives at a lag, through the valve with the share `left` of its dead band."""
+    n = s.numbers
+    volts = s.settings.position_gain_V_per_m * lag_m - left * 0.5 * (n[DEAD_UP] - n[DEAD_DN])
+    half = 0.5 * (n[DEAD_UP] + n[DEAD_DN]) + n[PLAY]
+    if left > 0.0 and half > 0.0:
+        volts *= 1.0 - left * half / sqrt(volts * volts + 4.0 * half * half)
+    mean = 0.5 * (up + down)
+    return (mean + left * ((up if volts > 0.0 else down) - mean)) * volts
+
+
+@compiled
+def next_lag(s, lag_m, moved_m, share, left, up, down):
+    """The lag a tick later, while the setpoint moves on."""
+    tick_s = s.settings.tick_s
+    half = lag_m + 0.5 * ((1.0 - share) * moved_m - tick_s * loop_speed(s, lag_m, left, up, down))
+    return lag_m + (1.0 - share) * moved_m - tick_s * loop_speed(s, half, left, up, down)
+
+
+@compiled
+def _ahead(preview, look, bend):
+    """Entry `look` of a preview, beyond its end with the last slope and second difference `bend`."""
+    n = len(preview)
+    if look < n:
+        return preview[look]
+    k = look - n + 1
+    return preview[n - 1] + k * (preview[n - 1] - preview[n - 2]) + 0.5 * k * (k + 1) * bend
+
+
+@compiled
+def plan_setpoints(s, table, preview):
+    """Setpoints of the ticks from now on, where nobody gives them as they are predicted. Returns whether they are."""
+    ref, n = s.reference, len(preview)
+    middle = (n - 1) // 2
+    bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
+    if ref.count == 0:
+        ref.setpoint_m[:] = preview[0]
+        ref.count, ref.behind_m = 1, preview[0]
     else:
-        moved = (1.0 - share) * (here_m - behind_m)
-        half = lag + 0.5 * (moved - tick * _loop_m_s(reference, lag))
-        lag += moved - tick * _loop_m_s(reference, half)
-        loop_m_s = _loop_m_s(reference, lag)
-    reference.lag_m, reference.position_m = lag, here_m - lag
-    velocity = share * (ahead_m - behind_m) / (2 * tick) + loop_m_s
-    reference.acceleration_m_s2 = (velocity - reference.velocity_m_s) / tick
-    reference.velocity_m_s = velocity
-    _advance_load(reference)
+        ref.behind_m = ref.setpoint_m[0]
+    for j in range(QUEUE - 1):
+        ref.setpoint_m[j] = ref.setpoint_m[j + 1]
+    if not watch_setpoint(s.prediction, n if n > PREVIEW_TICKS else 1, bend, preview[0]):
+        last_bend = preview[n - 1] - 2.0 * preview[n - 2] + preview[n - 3] if n > 2 else 0.0
+        for j in range(QUEUE):
+            ref.setpoint_m[j] = _ahead(preview, j, last_bend)
+        return False
+    _, here, after = predict(s.prediction, table, MAX_LOOK, preview[0])
+    ref.setpoint_m[MAX_LOOK] = here
+    for j in range(MAX_LOOK + 1, QUEUE):
+        here, after = after, 2.0 * after - here + s.prediction.acceleration_m
+        ref.setpoint_m[j] = here
+    return True
 
 
 @compiled
-def expect_load(reference, loads_m_s2, look):
-    """For the next step: what all legs' setpoints give this leg to carry, of this tick and the next (n,); of none: y_m''."""
-    before, reference.load_given = reference.load_given, 1 if len(loads_m_s2) > look else 0
-    if reference.load_given == 1:
-        asked = loads_m_s2[look]
-        reference.load_lag_m_s2 += (1.0 - reference.feed_forward) * (asked - reference.expected_m_s2) if before else 0.0
-        reference.expected_m_s2 = asked
+def shares(s, j):
+    """Share g of the setpoint's speed and of the dead band that is left, j ticks on: the plan knows that they move on."""
+    linear = min(max(s.linear + j * s.linear_step, 0.0), 1.0)
+    g = linear * linear * (3.0 - 2.0 * linear)
+    return (g if s.settings.controller_feeds_forward == 0.0 else 1.0), 1.0 - linear
 
 
 @compiled
-def _advance_load(reference):
-    if reference.load_given != 1:
-        reference.load_m_s2, reference.load_given = reference.acceleration_m_s2, 0
+def plan_motion(s, loads, predicted):
+    """Position, speed and load of the ticks from now on."""
+    ref, tick_s = s.reference, s.settings.tick_s
+    up, down = gains(s)
+    lag, before = ref.lag_m, ref.behind_m
+    for j in range(QUEUE):
+        share, left = shares(s, j)
+        here = ref.setpoint_m[j]
+        after = ref.setpoint_m[j + 1] if j + 1 < QUEUE else 2.0 * here - before
+        ref.position_m[j] = here - lag
+        ref.velocity_m_s[j] = share * (after - before) / (2.0 * tick_s) + loop_speed(s, lag, left, up, down)
+        lag = next_lag(s, lag, after - here, share, left, up, down)
+        if j == 0:
+            ref.lag_m = lag
+        before = here
+    ref.extra_m_s2[:] = 0.0
+    if len(loads) < 3 or predicted:
+        ref.load_lag_m_s2 = 0.0
         return
-    reference.load_given = 2
-    decay = 0.5 * reference.tick_s * (reference.loop_1_s[0] + reference.loop_1_s[1])
-    reference.load_lag_m_s2 *= 1.0 - decay
-    reference.load_m_s2 = reference.expected_m_s2 - reference.load_lag_m_s2
-
-
-@compiled
-def _loop_m_s(reference, lag_m):
-    """Velocity that the position loop gives at a lag."""
-    left = 1.0 - reference.linear
-    lag_m -= left * reference.null_m
-    up = 1 if lag_m > 0.0 else 0
-    dead_band = reference.dead_band_m[up]
-    if dead_band != 0.0 and left != 0.0:
-        soft = (SOFTNESS if dead_band > 0.0 else SOFTNESS_UNDERLAP) * dead_band
-        lag_m *= 1.0 - left * dead_band / sqrt(lag_m * lag_m + soft * soft)
-    return reference.loop_1_s[up] * lag_m + left * reference.leak_m_s
+    decay = 0.5 * s.settings.position_gain_V_per_m * (up + down) * tick_s
+    load_lag, here = ref.load_lag_m_s2, loads[0]
+    for j in range(QUEUE - 1):
+        after, share = _ahead(loads, j + 1, 0.0), shares(s, j)[0]
+        load = here - load_lag
+        load_lag += (1.0 - share) * (after - here) - decay * load_lag
+        if j == 0:
+            ref.load_lag_m_s2 = load_lag
+        own = s.settings.own_mobility * (ref.velocity_m_s[j + 1] - ref.velocity_m_s[j]) / tick_s
+        ref.extra_m_s2[j] = 0.5 * (load + after - load_lag) - own
+        here = after

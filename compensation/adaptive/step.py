@@ -1,205 +1,412 @@
-"""One control tick of the adaptive algorithm as a compiled function of its state, from sample to volts.
+"""One control tick: from a sample to the volts that are added.
 
-At each tick, for the tick boundary PREVIEW_TICKS ahead:
-
-    y_m                                      reference (reference.py): the setpoint r, once the feed-forward is all in
-    P_m = p(y_m', y_m'') + step + Stribeck   pressure that motion needs, its step at a reversal spread over some ms
-    z_m = y_m + V P_m / (E A1)               oil displacement that gives both, Eq. 3.7
-    x_m = g^-1(z_m' ; dp)                    spool position that lets this oil through: inverse of the valve
-    u   = lead(x_m) - Kp (r - y_m) - D (P1 - P_m) + backlash inverse
-
-The lead undoes the spool's lag; the dead-band compensation has a lead of its own (inverse.py, taps.py). The position
-loop's own volts are taken off while y_m lags the setpoint. D lets oil out while the pressure oscillates above the
-demand, which damps the hydraulic resonance. The backlash inverse acts on the side the volts move to. All that is
-identified is bounded, acts only once its standard error is small, and comes in slowly.
-
-docs/compensation_derivation.md derives it.
+demanded motion    what the position loop makes of the setpoint through the identified valve, with its dead band at first, without it
+                   two seconds after the volts have come in
+volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
+engagement         where b^2/(b^2 + e^2 + f^2) > LEAST_SHARE and the misfit is no more than KNOWN_LEG: b the bump that plain control
+                   makes by the model, f the one that the inverse leaves in it, e the one that the doubt about the numbers makes: S P S'
+                   of the acceleration, P the numbers' covariance; of the last half strokes, by what is known now
+probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
+                   volts out
 """
 
 from __future__ import annotations
 
-from ..arithmetic import clip, dot, push
-from ..compiled import compiled
-from ..guard import TELLS
-from ..loop_feedback import fed_back_V
-from ..prediction import PREVIEW_TICKS, predict, watch_setpoint
-from .chamber_pressures import edge_roots, measure_pressures, roots_ahead
-from .chambers import compliance_m_Pa, equivalent_Pa
-from .crossing_oil import settle_crossing, stay_on_side
-from .delay import hear_delay, softness_m_Pa
-from .demand import append_demand, drop_demand
-from .edge_rounding import jumps
-from .engagement import hear_engagement, tells_now, update_engagement, weight
-from .feedback import backlash_inverse, cross_backlash, damping
-from .friction import demanded_pressure, missing_step_Pa
-from .identification import identify
-from .inverse import advance_inverse
-from .lateness import due_pressure_Pa
-from .layout import LEAD_TAPS
-from .leak import leak_at_m_s
-from .piston_leak import leaked_across_m_s
-from .reference import advance_reference, expect_load
-from .trust import watch_turns
-from .valve import valve_rejected
+from math import pi, sin, sqrt
 
-SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
-DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
-PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
-DESIGN_WANTED, WORSE, REJECTED = 1, 2, 4  # what a tick tells its caller, beside what guard.py has
-LAGS_ALIKE_S = 1.5e-3  # difference in lag up to which legs are alike
+from ..compiled import compiled
+from ..loop_feedback import fed_back_V
+from ..prediction import start_prediction
+from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
+from .estimator import FAST_SHARE, FAST_m_s, collect, has_changed, hear_windows, is_known_leg, watch, watch_legs, work
+from .fit import forward
+from .inverse import AHEAD, improve, keep_first, low_pass
+from .layout import HALVES, MOST_DELAY, QUEUE
+from .leg import (
+    AMP,
+    COULOMB_DN,
+    COULOMB_UP,
+    DEAD_DN,
+    DEAD_UP,
+    DELAY,
+    HOLD,
+    LN_BRISTLE,
+    M1,
+    M2,
+    MASS,
+    N_NUMBERS,
+    P1,
+    P2,
+    PLAY,
+    POSITION_LAG,
+    S_A1,
+    S_A2,
+    S_FOUR_WAY,
+    S_STROKE,
+    SPRING,
+    VISCOUS_DN,
+    VISCOUS_UP,
+    V,
+    X,
+    Y,
+    Z,
+    tangent,
+    tick,
+    valve_lag_s,
+)  # fmt: skip
+from .prior import fill_sheet
+from .reference import gains, loop_speed, next_lag, plan_motion, plan_setpoints
+
+FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
+RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
+LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
+# in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
+LEAVE_S = 1.5
+# of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
+LEAST_SHARE = 0.8
+STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
+MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
+SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
+PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
+# of the bump, as acceleration of each tone: ISO 2631-1 weighs 70 Hz by 0.16, so that a twentieth of the bump is felt
+PROBE = 0.3
+# from the demanded motion, from which the inverse begins anew: more than a stroke's lag changes at once; while no volts are in, more
+# than a dead band that is found anew shifts the motion
+OFF_m, OFF_OUTSIDE_m = 5e-3, 5e-4
+QUIET_TICKS = 20  # for which no leg may object
 
 
 @compiled
-def tick(
-    states,
+def start(s):
+    """Nothing known. s: a record of zeros with its settings."""
+    fill_sheet(s.sheet, s.settings)
+    s.past.noise_m = s.settings.position_error_m
+    s.past.noise_Pa = max(sqrt(s.settings.pressure_noise_Pa**2 + s.settings.pressure_resolution_Pa**2 / 12.0), 1.0)
+    s.past.noise_m = max(s.past.noise_m, 1e-8)
+    start_prediction(s.prediction)
+    start_damping(s.damping, s.settings.tick_s)
+    s.objected = QUIET_TICKS
+    s.platform = 1 if s.settings.legs > 1 else 0
+
+
+@compiled
+def _steady(x, s, y, v, numbers):
+    """A state of steady motion at y, v."""
+    x[:] = 0.0
+    up = v >= 0.0
+    friction = (numbers[COULOMB_UP] if up else -numbers[COULOMB_DN]) + v * (
+        numbers[VISCOUS_UP] if up else numbers[VISCOUS_DN]
+    )
+    supply = s.past.supply_mean_Pa
+    a1, a2 = s.sheet[S_A1], s.sheet[S_A2]
+    x[Y], x[V] = y, v
+    if s.sheet[S_FOUR_WAY] != 0.0:
+        x[P2] = 0.5 * supply
+    else:
+        x[P2] = supply
+    spring = numbers[SPRING] * (y - 0.5 * s.sheet[S_STROKE])
+    x[P1] = (x[P2] * a2 + numbers[HOLD] + spring + friction) / a1
+    x[M1], x[M2] = x[P1], x[P2]
+    gain_up, gain_dn = gains(s)
+    volts = v / gain_up + numbers[DEAD_UP] if up else v / gain_dn - numbers[DEAD_DN]
+    x[AMP] = x[X] = volts
+    x[Z] = friction / 2.718281828459045 ** numbers[LN_BRISTLE]
+    return volts
+
+
+@compiled
+def _invert(s):
+    """Volts of this tick, before the backlash's inverse; the state and volts of the window move on."""
+    inv, ref = s.inverse, s.reference
+    whole = int(s.numbers[DELAY] / s.settings.tick_s)
+    for j in range(AHEAD + 1):
+        inv.y[j], inv.v[j] = ref.position_m[whole + j], ref.velocity_m_s[whole + j]
+    for j in range(AHEAD):
+        inv.extra[j] = s.numbers[MASS] * ref.extra_m_s2[whole + j]
+    limit, supply = s.settings.voltage_max_V, s.past.supply_mean_Pa
+    up, down = gains(s)
+    early = int((valve_lag_s(s.numbers) - s.numbers[DELAY]) / s.settings.tick_s + 0.5)
+    for j in range(AHEAD):
+        v = inv.v[min(j + early, AHEAD)]
+        inv.steady[j] = v / up + s.numbers[DEAD_UP] if v > 0.0 else v / down - s.numbers[DEAD_DN]
+    if inv.running and whole > inv.whole:  # what is sent now arrives a tick later than what was sent before
+        split = s.numbers[DELAY] / s.settings.tick_s - whole
+        tick(inv.x, inv.S, s.numbers, s.sheet, inv.before, inv.before, split, supply, inv.extra[0], inv.w)
+    elif inv.running and whole < inv.whole:
+        inv.x[Y] -= s.settings.tick_s * inv.x[V]
+        inv.x[V] -= inv.v[1] - inv.v[0]
+    inv.whole = whole
+    off_m = OFF_m if s.share > 0.0 else OFF_OUTSIDE_m
+    if not inv.running or (abs(inv.x[Y] - inv.y[0]) > off_m and (s.share > 0.0 or _in_motion(s))):
+        s.expected.unsteady = QUEUE
+        volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
+        inv.U[:] = volts
+        inv.before = inv.older = volts
+        inv.filtered[:] = 0.0
+        inv.running = inv.started_now = 1
+    improve(
+        inv.x,
+        inv.U,
+        inv.before,
+        inv.older,
+        inv.y,
+        inv.v,
+        inv.filtered,
+        s.numbers,
+        s.sheet,
+        supply,
+        inv.extra,
+        limit,
+        inv,
+    )
+    volts = inv.U[0]
+    left = keep_first(
+        inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.S, inv.w
+    )
+    inv.older, inv.before = inv.before, volts
+    return volts, left
+
+
+@compiled
+def _load_Pa(s, bottom_Pa, top_Pa):
+    """Of a rod side on the supply its pressure is no part of the load's oscillation."""
+    return bottom_Pa - (s.sheet[S_A2] / s.sheet[S_A1] * top_Pa if s.sheet[S_FOUR_WAY] != 0.0 else 0.0)
+
+
+@compiled
+def _damp(s, bottom_Pa, top_Pa):
+    """Volts against the load pressure's oscillation about the model's, which is of this tick."""
+    d, x, sheet, settings = s.damping, s.inverse.x, s.sheet, s.settings
+    whole = int(s.numbers[DELAY] / settings.tick_s)
+    turn = (s.past.ticks - settings.leg) % max(settings.legs, 1) == 0
+    watch_damping(d, s.numbers, _load_Pa(s, bottom_Pa, top_Pa) - d.expected_Pa[whole], turn)
+    for j in range(MOST_DELAY, 0, -1):
+        d.expected_Pa[j] = d.expected_Pa[j - 1]
+    d.expected_Pa[0] = _load_Pa(s, x[M1], x[M2])
+    if s.share == 0.0:
+        return 0.0
+    up, down = gains(s)
+    own = settings.pressure_gain_V_per_Pa
+    if sheet[S_FOUR_WAY] != 0.0:
+        own *= 1.0 + (sheet[S_A2] / sheet[S_A1]) ** 3
+    rate = damping_rate_1_s(s.numbers, sheet, s.past.noise_Pa, s.expected.sigma2 + s.expected.left2)
+    return damping_V(d, rate, oil_stiffness(s.numbers, sheet, x, s.inverse.w), sheet[S_A1], 0.5 * (up + down), own)
+
+
+@compiled
+def _in_motion(s):
+    """Whether the demanded motion is as fast as where windows begin: a steady state is near the leg's own."""
+    speed = abs(s.reference.velocity_m_s[int(s.numbers[DELAY] / s.settings.tick_s)])
+    return speed > min(FAST_m_s, FAST_SHARE * s.past.fastest_m_s)
+
+
+@compiled
+def _expect(s, volts, last, left):
+    """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
+    each half stroke."""
+    e, ref, tick_s, numbers = s.expected, s.reference, s.settings.tick_s, s.numbers
+    kp, supply = s.settings.position_gain_V_per_m, s.past.supply_mean_Pa
+    whole = int(numbers[DELAY] / tick_s)
+    split = numbers[DELAY] / tick_s - whole
+    v, a = ref.velocity_m_s[whole], (ref.velocity_m_s[whole + 1] - ref.velocity_m_s[whole]) / tick_s
+    extra = numbers[MASS] * ref.extra_m_s2[whole]
+    up, down = gains(s)
+    if not e.started:
+        e.plain_V = _steady(e.plain, s, ref.position_m[whole], v, numbers)
+        e.started, e.unsteady = 1, QUEUE
+        e.lag_m = ref.setpoint_m[whole] - ref.position_m[whole]
+    asked = loop_speed(s, e.lag_m, 1.0, up, down)  # plain control's own motion but for its bumps
+    e.lag_m = next_lag(s, e.lag_m, ref.setpoint_m[whole + 1] - ref.setpoint_m[whole], 0.0, 1.0, up, down)
+    smooth = (loop_speed(s, e.lag_m, 1.0, up, down) - asked) / tick_s
+    # plain control, by the model
+    control = kp * (ref.setpoint_m[whole] - e.plain[Y])
+    speed = e.plain[V]
+    tick(e.plain, e.S, numbers, s.sheet, control, e.plain_V, split, supply, extra, e.w)
+    e.plain_V = control
+    b = low_pass(e.plain_filtered, (e.plain[V] - speed) / tick_s - smooth, s.sheet)
+    e.bump = max(e.bump, abs(b))
+    e.left = max(e.left, abs(left))
+    # the numbers' doubt in the compensated motion
+    e.x[:] = s.inverse.x_before
+    e.speed[:] = e.S[V]
+    tangent(
+        e.x,
+        e.S,
+        N_NUMBERS,
+        N_NUMBERS,
+        True,
+        numbers,
+        s.sheet,
+        volts,
+        last,
+        split,
+        e.d_now,
+        e.d_before,
+        kp,
+        supply,
+        extra,
+        -1,
+        0.0,
+        e.w,
+    )
+    for j in range(N_NUMBERS):
+        f = (e.S[V, j] - e.speed[j]) / tick_s
+        e.row[j] = low_pass(e.filtered[j], f, s.sheet)
+    doubt2 = _variance(s, e.row)
+    if doubt2 > e.sigma:
+        e.sigma = doubt2
+        e.worst[:] = e.row
+    if e.unsteady > 0:  # the start state's own swing is no bump
+        e.unsteady -= 1
+        e.bump = e.sigma = e.left = 0.0
+    peak = a * e.acceleration < 0.0
+    if v * e.velocity < 0.0:
+        e.turned = 1
+    e.acceleration, e.velocity = a, v
+    if peak and e.turned:  # the middle of a stroke: a reversal lies behind
+        if e.bump > 0.0:
+            k = e.halves % HALVES
+            e.bumps2[k], e.lefts2[k], e.rows[k] = e.bump * e.bump, e.left * e.left, e.worst
+            e.halves += 1
+            e.bump2 = e.left2 = 0.0
+            for k in range(HALVES):
+                _doubt(s, k)
+                e.bump2 += e.bumps2[k] / min(e.halves, HALVES)
+                e.left2 += e.lefts2[k] / min(e.halves, HALVES)
+        e.bump = e.sigma = e.left = 0.0
+        e.turned = 0
+
+
+@compiled
+def _variance(s, row):
+    """Of a quantity with derivatives row (N_NUMBERS,) by the numbers, by what is known of them now."""
+    known, scaled = s.known, s.expected.scaled
+    for j in range(N_NUMBERS):
+        scaled[j] = row[j] * known.sd[j]
+    forward(known.factor, N_NUMBERS, scaled)
+    total = 0.0
+    for j in range(N_NUMBERS):
+        total += scaled[j] * scaled[j]
+    return total * max(1.0, known.chi2[0], known.chi2[1])
+
+
+@compiled
+def _doubt(s, k):
+    """The doubt in one of the last half strokes by what is known now: what was not known then does not matter."""
+    e = s.expected
+    e.doubts2[k] = min(_variance(s, e.rows[k]), MOST_DOUBT * e.bumps2[k])
+    e.sigma2 = 0.0
+    for j in range(HALVES):
+        e.sigma2 += e.doubts2[j] / max(min(e.halves, HALVES), 1)
+
+
+@compiled
+def _through_backlash(inv, volts, half):
+    """Volts whose play of half width `half` gives `volts`: on the side to which they move."""
+    if volts > inv.played:
+        inv.side = 1.0
+    elif volts < inv.played:
+        inv.side = -1.0
+    inv.played = volts
+    return volts + inv.side * half
+
+
+@compiled
+def _probe(s):
+    """Volts [V] of a small motion that shows the valve, for a leg whose doubt alone keeps the compensation out."""
+    e, tick_s = s.expected, s.settings.tick_s
+    up, down = gains(s)
+    v, gain = s.reference.velocity_m_s[0], 0.5 * (up + down)
+    if abs(v) < gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN]):
+        return 0.0
+    total = 0.0
+    for f in PROBE_HZ:
+        w = 2.0 * pi * f
+        total += sin(w * s.past.ticks * tick_s) / w
+    return PROBE * max(sqrt(e.bump2), e.bump) / gain * total
+
+
+@compiled
+def tick_of(
+    s,
     table,
     preview,
-    loads_m_s2,
+    loads,
+    pose_m_s2,
+    mobility,
+    forces_N,
+    speeds_m_s,
     setpoint_m,
     position_m,
-    control_V,
     valve_V,
     bottom_Pa,
     top_Pa,
     supply_Pa,
-    extra_V,
+    forward_V,
 ):
-    """`expect` and `tick_of` of states (1,), which Python hands over."""
-    expect(states[0], loads_m_s2)
-    return tick_of(
-        states[0], table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V
+    """Volts to add. preview (n,), loads (n,) or none; everything else of the sample."""
+    settings, ref, inv = s.settings, s.reference, s.inverse
+    if s.sheet[S_FOUR_WAY] == 0.0:
+        top_Pa = supply_Pa
+    plan_motion(s, loads, plan_setpoints(s, table, preview))
+    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V)
+    if s.platform:
+        watch_legs(s.past, pose_m_s2, mobility, forces_N, speeds_m_s)
+    if settings.learn != 0.0:
+        collect(s)
+        work(s)
+    if not s.known.valid:
+        return 0.0
+    if s.numbers[MASS] == 0.0:
+        s.numbers[:] = s.known.numbers
+        ref.stale = QUEUE
+    for k in range(N_NUMBERS):
+        s.numbers[k] += settings.tick_s / FOLLOW_S * (s.known.numbers[k] - s.numbers[k])
+    if ref.stale > 0:  # a demanded motion by numbers that are not the leg's
+        ref.stale -= 1
+        return 0.0
+    e = s.expected
+    if not e.started and not _in_motion(s):
+        return 0.0
+    inv.x_before[:] = inv.x
+    last = inv.before
+    volts, left = _invert(s)
+    if inv.started_now:
+        inv.x_before[:] = inv.x
+        last, inv.started_now = volts, 0
+    _expect(s, volts, last, left)
+    _doubt(s, s.past.ticks % HALVES)
+    knows = not has_changed(s.known.chi2) if s.share > 0.0 else is_known_leg(s.known.chi2)
+    wants = False
+    if e.halves > 0 and knows:
+        share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
+        wants = share > (STAY_SHARE if s.share > 0.0 else LEAST_SHARE)
+    probe = _probe(s) if s.share == 0.0 and e.halves > 0 and knows and not wants else 0.0
+    wanted = 1.0 if wants else 0.0
+    if s.platform:
+        s.wants = 1 if wants else 0
+        s.objected = max(s.objected - 1, 0) if wants else QUIET_TICKS
+        wanted = 1.0 if s.objected == 0 else 0.0
+    step = settings.tick_s / RAMP_S
+    s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
+    step = settings.tick_s / (LINEAR_S if wanted > 0.0 else LEAVE_S)
+    s.linear_step = min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
+    s.linear += s.linear_step
+    total = _through_backlash(inv, volts, s.numbers[PLAY]) - _damp(s, bottom_Pa, top_Pa)
+    lag = s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
+    pressure = (
+        inv.x[P1]
+        if s.sheet[S_FOUR_WAY] == 0.0
+        else inv.x[P1] - settings.area_top_m2 / settings.area_bottom_m2 * inv.x[P2]
     )
+    own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
+    own -= fed_back_V(s.loop, settings, ref.position_m[0], pressure)
+    return s.share * (total - own) + probe
 
 
 @compiled
-def expect(state, loads_m_s2):
-    """Before a tick: load (n,) that the setpoints of all legs give this one at this tick and the next; of none: its own."""
-    expect_load(state.reference, loads_m_s2, PREVIEW_TICKS + state.shift)
-
-
-@compiled
-def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V):
-    """Volts to add, and what its caller must know (DESIGN_WANTED | WORSE | REJECTED | TELLS).
-
-    state: a record of the layout; table: prediction.prediction_table(); preview: setpoints (n,) of this tick and the
-    next, taken as unknown where they do not reach as far as is looked ahead; extra_V: volts that a derived algorithm
-    adds. Everything else is of the sample. Nothing is allocated.
-    """
-    measure_pressures(state.chambers, bottom_Pa, top_Pa, supply_Pa)
-    bottom_Pa, supply_Pa = equivalent_Pa(state.settings, bottom_Pa, top_Pa, supply_Pa)
-    look = PREVIEW_TICKS + state.shift
-    n = len(preview) if len(preview) > look + 1 else 1
-    middle = (n - 1) // 2
-    bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
-    if watch_setpoint(state.prediction, n, bend, preview[0]):
-        behind, here, ahead = predict(state.prediction, table, look, preview[0])
-        state.reference.load_given = 0
-    else:
-        behind, here, ahead = preview[look - 1], preview[look], preview[look + 1]
-    volts = step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V)
-    told = DESIGN_WANTED if state.design_wanted else 0
-    if state.engagement.lockout_s > 0.0:
-        told |= REJECTED if state.engagement.other else WORSE
-    if valve_rejected(state.valve):
-        told |= REJECTED
-    if (state.settings.learn and state.delay.tells) or tells_now(state.engagement):
-        told |= TELLS
-    return volts, told
-
-
-@compiled
-def hear(state, other):
-    """After a tick in which another leg of the machine told TELLS: how far it is with engaging, and what its reversal says of the
-    delay. On four-way valves each leg's lag holds a leak by its own load: nothing is heard of it."""
-    hear_engagement(state.engagement, other.engagement)
-    if other.delay.tells and not state.valve.four_way and abs(state.valve.lag_s - other.valve.lag_s) < LAGS_ALIKE_S:
-        hear_delay(state.delay, other.delay)
-
-
-@compiled
-def hear_first(states, others):
-    """`hear` of states (1,)."""
-    hear(states[0], others[0])
-
-
-@compiled
-def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, u):
-    """The step itself; behind, here, ahead: setpoints at the boundary before the one looked at, at it, and after it."""
-    settings, reference, demands = state.settings, state.reference, state.demands
-    _track_plain_control(state, bottom_Pa, supply_Pa)
-    advance_reference(reference, behind, here, ahead)
-
-    compliance = compliance_m_Pa(settings, reference.position_m)
-    friction_share = state.engagement.friction_share
-    pressure, friction_step, share, sign = demanded_pressure(reference, state.friction, friction_share, settings)
-    oil, a, v = reference.position_m + compliance * pressure, reference.load_m_s2, reference.velocity_m_s
-    append_demand(demands, pressure, share, a, reference.position_m, oil, v, sign, friction_step)
-    now = (
-        demands.pressure_Pa[0], demands.stribeck_share[0], demands.acceleration_m_s2[0], demands.position_m[0],
-        demands.oil_m[0], demands.velocity_m_s[0], demands.sign[0], demands.step_Pa[0],
-    )  # fmt: skip
-    drop_demand(demands)
-    lag = setpoint_m - now[3]
-    load = bottom_Pa - supply_Pa * settings.area_ratio
-    due_Pa = due_pressure_Pa(state.lateness, now[0], demands.pressure_Pa)
-    deviation = load - due_Pa
-    fed_back = fed_back_V(state.loop, settings, now[3], (1.0 + settings.rod_ratio**3) * due_Pa)
-    push(state.deviation_Pa, deviation)
-    state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
-
-    bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * settings.area_ratio
-    roots = edge_roots(settings, state.supply_Pa, bottom)
-    leak_m_s = leak_at_m_s(state.valve, roots)
-    four_way = state.valve.four_way != 0
-    if four_way:
-        load_ahead, engaged = pressure + state.mean_deviation_Pa, state.engagement.ramp > 0.0
-        roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, state.supply_Pa, engaged, state.shift)
-        leak_m_s -= leaked_across_m_s(state.valve, state.chambers.across_Pa)
-    oil += softness_m_Pa(state.delay) * friction_share * friction_step
-    crosses, missing_m = jumps(state.valve), 0.0
-    if crosses:
-        missing_m = compliance * friction_share * missing_step_Pa(reference, state.friction, settings, friction_step)
-        oil = stay_on_side(state.inverse, oil, leak_m_s, v, reference.acceleration_m_s2, missing_m)
-    flow, dead_band = advance_inverse(state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, leak_m_s)
-    if crosses:
-        settle_crossing(state, dead_band, roots, leak_m_s, v, reference.acceleration_m_s2, missing_m)
-    push(state.flow_V, flow)
-    push(state.dead_band_V, dead_band)
-    if state.engagement.ramp > 0.0:
-        u += fed_back
-        u += dot(state.lead_taps, state.flow_V, LEAD_TAPS) + dot(state.crossing_taps, state.dead_band_V, LEAD_TAPS)
-        u += (0.0 if four_way else backlash_inverse(state, u)) - settings.position_gain_V_per_m * lag
-        u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
-        if four_way:
-            u += cross_backlash(state, control_V, valve_V, u)
-    if settings.learn:
-        identify(state, position_m, valve_V, bottom_Pa, supply_Pa, load, now)
-    setpoint_m_s = (ahead - behind) / (2.0 * settings.tick_s)
-    watch_turns(state.trust, setpoint_m_s, settings.tick_s)
-    setpoint_m_s2 = (ahead - 2 * here + behind) / (settings.tick_s * settings.tick_s)
-    update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V, now[3] - position_m)
-    return weight(state.engagement.ramp) * clip(u, -settings.voltage_max_V, settings.voltage_max_V)
-
-
-@compiled
-def _track_plain_control(state, bottom, supply):
-    """Loop gain and dead band of plain control, for the reference.
-
-    Pressures are low-passed: the reference is differentiated, and must not answer to noise or to itself.
-    """
-    settings, reference, valve = state.settings, state.reference, state.valve
-    if state.mean_bottom_Pa == 0.0:
-        state.mean_bottom_Pa, state.supply_Pa, state.mean_supply_Pa = bottom, supply, supply
-    state.supply_Pa += SUPPLY_SHARE * (supply - state.supply_Pa)
-    if reference.feed_forward == 1.0 and settings.controller_feeds_forward == 0.0:
-        return
-    share = settings.tick_s / PRESSURE_MEAN_S
-    state.mean_bottom_Pa += share * (bottom - state.mean_bottom_Pa)
-    state.mean_supply_Pa += share * (supply - state.mean_supply_Pa)
-    roots = edge_roots(settings, state.mean_supply_Pa, state.mean_bottom_Pa)
-    kp = settings.position_gain_V_per_m
-    reference.null_m, reference.leak_m_s = valve.null_V / kp, leak_at_m_s(valve, roots)
-    for i in range(2):
-        reference.loop_1_s[i] = kp * valve.edges[i].gain_m_s_V * roots[i]
-        dead_band_V = valve.edges[i].dead_band_V
-        reference.dead_band_m[i] = (dead_band_V if valve.underlap else max(dead_band_V, 0.0)) / kp
+def hear_leg(s, other):
+    """Legs of a platform engage together: one that does not want to keeps the others out."""
+    hear_windows(s, other)
+    if other.wants == 0:
+        s.objected = QUIET_TICKS

@@ -95,7 +95,7 @@ def plugin(
 
 
 def compensator(
-    name: Annotated[str, typer.Argument(help="Name of the compensator: adaptive or estimated.")],
+    name: Annotated[str, typer.Argument(help="Name of the compensator: adaptive.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
     target: Annotated[
         Literal["x86_64-linux", "x86_64-windows", "aarch64-linux"], typer.Option(help="Where it will run.")

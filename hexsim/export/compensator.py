@@ -154,13 +154,9 @@ def compensator_object(name: str, system: System, exported: bool = True) -> byte
     return object_of({f"hexsim_{name}_{key}": made for key, made in native_functions(name).items()}, system, exported)
 
 
-def filled(file: str, name: str, values: Mapping[str, Any]) -> str:
-    """A file of `compensator_files` for an algorithm: @KEY@ becomes its value; what stands between lines `@if NAME@` and `@end@` is of
-    that algorithm alone."""
+def filled(file: str, values: Mapping[str, Any]) -> str:
+    """A file of `compensator_files`: @KEY@ becomes its value."""
     text = (files("hexsim.export") / "compensator_files" / file).read_text(encoding="utf-8")
-    text = re.sub(
-        r"^@if (\w+)@\n(.*?)^@end@\n", lambda found: found[2] if found[1] == name else "", text, flags=re.M | re.S
-    )
     return re.sub(r"@(\w+)@", lambda found: str(values[found[1]]), text)
 
 

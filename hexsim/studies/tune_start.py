@@ -100,7 +100,7 @@ def teach(
 
     learned = run(compensator, LEARNING_s, 0, 0.0, 0.6).compensator_parameters
     if not any(learned):
-        raise HexsimError(f"compensator {compensator} learns nothing: give adaptive, estimated or repetitive")
+        raise HexsimError(f"compensator {compensator} learns nothing: give adaptive or repetitive")
     place = folder / FILE
     write_json(place, {"compensator": compensator, "legs": learned})
     started, plain = (

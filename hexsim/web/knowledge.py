@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from compensation import Estimate, Knowledge
 
 BAR = "#0072B2"
-NOTHING = "No leg says yet what it knows. <code>estimated</code> does, from some seconds of motion on; other compensators do not."
+NOTHING = "No leg says yet what it knows. <code>adaptive</code> does, from some seconds of motion on; other compensators do not."
 
 
 def knowledge_table(legs: Sequence[Knowledge | None]) -> str:

@@ -15,11 +15,6 @@ extern "C" {
 
 /* What a step tells, or-ed. Plain control acts alone with a fault. */
 enum {
-@if adaptive@
-  @PREFIX@_DESIGN_WANTED = 1,   /* no fault: call @prefix@_design before the next steps */
-  @PREFIX@_WORSE = 2,           /* reversals became worse than plain control's */
-  @PREFIX@_REJECTED = 4,        /* the valve no longer follows what was learned; it is learned anew */
-@end@
   @PREFIX@_SIGNAL_LOST = 8,     /* a signal is not a number */
   @PREFIX@_POSITION_FROZEN = 16,
   @PREFIX@_PRESSURE_FROZEN = 32,
@@ -68,24 +63,16 @@ int @prefix@_step(double *state, double setpoint_m, const double *preview_m, int
    how. Without it a leg expects the load of its own acceleration. It holds for one step. */
 void @prefix@_expect(double *state, const double *loads_m_s2, int count);
 
-@if estimated@
 /* The same of what all legs did 5 ticks ago (count of them, at most 8): forces P1 A1 - P2 A2 [N], speeds by a parabola through 11
    readings [m/s], the acceleration that a force on each gives this leg over that for a force on its own, and the load of this one by
    pose and speeds [m/s2]. README.md says how. */
 void @prefix@_feel(double *state, double pose_m_s2, const double *mobility, const double *forces_N, const double *speeds_m_s,
                    int count);
 
-@end@
 /* After a tick in which the step of `other` gave @PREFIX@_TELLS, when all legs have stepped: what that leg has learned, and how far
    it is with engaging. For legs with equal settings but for those of their place. */
 void @prefix@_hear(double *state, const double *other);
 
-@if adaptive@
-/* The design of the taps that a step asked for: takes longer than a step. At once, or in the idle time of the next ticks,
-   never while a step of the same state runs. Until then the former taps act. */
-void @prefix@_design(double *state);
-
-@end@
 /* What was learned: to be kept, and to start with next time. set_parameters starts the state anew. It gives 0, or 1 + the
    place of the first number that is not finite, out of its range, or contradicts another one; then the state is as it was. */
 void @prefix@_get_parameters(double *state, double *parameters);

@@ -67,15 +67,10 @@ int main(int count, char **arguments) {
   double past[2 * WITHIN] = {0};
   double duration = count > 1 ? atof(arguments[1]) : 60.0;
   Times step = {0, 0, 0};
-@if adaptive@
-  Times design = {0, 0, 0};
-@end@
   double settings[@PREFIX@_SETTINGS];
   memcpy(settings, S, sizeof settings);
-@if estimated@
   settings[@PREFIX@_LEGS] = 0.0; /* it carries its own mass alone */
   settings[@PREFIX@_OWN_MOBILITY] = settings[@PREFIX@_LOAD_OVER_WEIGHT] = 1.0;
-@end@
   int told = @prefix@_init(state, settings);
   if (told) {
     printf("setting %d is refused\n", told - 1);
@@ -90,13 +85,6 @@ int main(int count, char **arguments) {
     told = @prefix@_step(state, preview[0], preview, @PREFIX@_PREVIEW, position, control, 0.0, valve, bottom,
                                 0.0, 7e6, &added);
     note(&step, seconds() - start);
-@if adaptive@
-    if (told & @PREFIX@_DESIGN_WANTED) {
-      start = seconds();
-      @prefix@_design(state);
-      note(&design, seconds() - start);
-    }
-@end@
     valve = fmax(-S[@PREFIX@_VOLTAGE_MAX_V], fmin(S[@PREFIX@_VOLTAGE_MAX_V], control + added));
     advance(&plant, valve, tick);
     double before = past[(k + WITHIN) % (2 * WITHIN)], older = past[k % (2 * WITHIN)];
@@ -106,19 +94,9 @@ int main(int count, char **arguments) {
   }
   @prefix@_get_parameters(state, parameters);
   printf("largest bump: plain control %.3f m/s2, compensated %.3f m/s2\n", worst[0], worst[1]);
-@if adaptive@
-  printf("dead band found: %.4f V (true: 0.0454), lag of the spool %.2f ms\n",
-         parameters[@PREFIX@_LEARNED_FLOW_EXTEND_DEAD_BAND_V],
-         1e3 * parameters[@PREFIX@_LEARNED_FLOW_EXTEND_LAG_S]);
-@end@
-@if estimated@
   printf("dead band found: %.4f V (true: 0.0454), spool of %.1f Hz (true: 60)\n", parameters[@PREFIX@_LEARNED_NUMBERS_DEAD_UP_V],
          exp(parameters[@PREFIX@_LEARNED_NUMBERS_LN_SPOOL]));
-@end@
   print("steps", &step);
-@if adaptive@
-  print("designs", &design);
-@end@
   printf("a state: %zu bytes\n", sizeof state);
   return 0;
 }
