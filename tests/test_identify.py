@@ -25,6 +25,10 @@ from hexsim.identification.rounds import check_careful
 from hexsim.identification.story import write_story
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
+<<<<<<< ours
+from hexsim.machine.files import changed
+=======
+>>>>>>> theirs
 from hexsim.motion_computer.compensator_packet import LONGEST, AskedCompensator, Piece, Texts, unpack_piece
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_limiter import PERIOD_s, setpoints_of
@@ -158,13 +162,13 @@ def test_what_a_machine_keeps_of_pieces_is_bounded():
 
 
 def test_every_number_of_a_leg_fits_into_a_request():
-    """Start parameters of `adaptive` with as many digits as a number may have: their text is whole after its pieces; one that is
+    """Start parameters of `estimated` with as many digits as a number may have: their text is whole after its pieces; one that is
     longer than a machine takes is refused where it is packed, and by the machine."""
-    made = compensation.create("adaptive")
+    made = compensation.create("estimated")
     longest = json.loads(
         json.dumps(made.parameters(made.start(Context()))), parse_float=lambda text: -1.2345678901234567e-100
     )
-    asked, texts = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=longest), Texts()
+    asked, texts = AskedCompensator(leg=1, n_legs=1, name="estimated", parameters=longest), Texts()
     found = [texts.add(piece) for data in asked.packets() if isinstance(piece := unpack_piece(data), Piece)]
     assert len(found) > 7 and found[-1] == asked
     with pytest.raises(HexsimError, match="a machine takes 32768"):
@@ -192,7 +196,7 @@ def test_what_acts_and_is_asked_for_again_changes_nothing(monkeypatch):
     assert len([asked.take(one) for one in packets][-1]) == 6
 
 
-@pytest.mark.parametrize(("algorithm", "part"), [("adaptive", "flow"), ("adaptive", "numbers")])
+@pytest.mark.parametrize(("algorithm", "part"), [("adaptive", "flow"), ("estimated", "numbers")])
 def test_a_host_puts_a_compensator_into_the_loop_and_takes_it_out(served, algorithm, part):
     """With what it learned elsewhere; a name with a module and parameters of another algorithm are refused, plain control stays."""
     made = compensation.create(algorithm)
