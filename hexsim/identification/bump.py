@@ -31,7 +31,7 @@ from hexsim.smoothness.harmonic import HarmonicDeviation, harmonic_deviation
 from hexsim.studies.tune_start import FREQUENCY_Hz, half_hertz_sine, simulate_twin
 
 Array = NDArray[np.float64]
-ALGORITHM = "estimated"
+ALGORITHM = "adaptive"
 FADE_s = 2.0  # to full size: short, so that the first reversal is one that is compensated
 PERIODS = 5  # at full size
 LEARNING_s = 60.0  # of a bench's twin
