@@ -11,15 +11,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests" / "compensation"), str(ROOT / "benchmarks")]
 
-from compensation_robustness import bumps, irregular  # noqa: E402 # pyright: ignore[reportMissingImports]
 from leg_plant import run, sine  # noqa: E402 # pyright: ignore[reportMissingImports] (with the tests)
 
 import compensation  # noqa: E402
@@ -31,8 +33,31 @@ from hexsim.simulation.hosted import Host, played  # noqa: E402
 
 RESULT = ROOT / "docs" / "results" / "host_path.json"
 DURATION_s, MASS_kg = 24.0, 40.0
+BAND = butter(4, [3.0, 50.0], btype="band", fs=1e4, output="sos")
 WAYS = ("plain", "feed-forward", "adaptive")
 GAIN_V_s_m = 6.5  # about one over the velocity gain of the valve
+
+
+def irregular(seed: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Five sines between 0.13 and 0.97 Hz, phases drawn."""
+    frequencies = np.array([0.13, 0.31, 0.47, 0.71, 0.97])
+    amplitudes, phases = 0.0072 / frequencies**0.8, np.random.default_rng(seed).uniform(0.0, 2 * math.pi, 5)
+    return lambda t: (
+        0.1
+        + np.minimum(t / 2.0, 1.0)
+        * sum(a * np.sin(2 * math.pi * f * t + p) for a, f, p in zip(amplitudes, frequencies, phases, strict=True))
+    )
+
+
+def bumps(acceleration_m_s2: np.ndarray, motion: Callable[[np.ndarray], np.ndarray], duration_s: float) -> np.ndarray:
+    """Peak to peak in the band about each commanded reversal, of an acceleration every 0.1 ms."""
+    t = np.arange(0.0, duration_s, 0.002)
+    v = np.diff(motion(t), append=motion(t[-1:] + 0.002))
+    band = sosfiltfilt(BAND, acceleration_m_s2)
+    times = t[1:][np.signbit(v[1:]) != np.signbit(v[:-1])]
+    return np.array(
+        [np.ptp(band[round((x - 0.1) * 1e4) : round((x + 0.35) * 1e4)]) for x in times if 1.9 < x < duration_s - 0.4]
+    )
 
 
 def felt(motion_name: str, host: Host, way: str) -> float:
@@ -59,7 +84,7 @@ def felt(motion_name: str, host: Host, way: str) -> float:
     if motion_name == "sine":
         return float(done.peaks(2.0)[-5:].max())
     late = lambda time: motion(time - (host.buffer_s or 0.0))  # noqa: E731
-    return max(one[0] for one in bumps(done, late, DURATION_s - 0.1)[-8:]) / 2
+    return float(bumps(done.acceleration_m_s2, late, DURATION_s - 0.1)[-8:].max()) / 2
 
 
 @styled
