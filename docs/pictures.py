@@ -92,7 +92,7 @@ def chapter4() -> Pictures:
 
 
 def temperature() -> Pictures:
-    """A leg whose oil warms, and the law of its valve's edges; minutes, as a compensator that is not sure looks again and again."""
+    """A leg whose oil warms, and the law of its valve's edges."""
     sys.path.insert(0, str(ROOT / "examples"))
     import warm_up
 

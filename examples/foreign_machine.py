@@ -5,8 +5,8 @@
 
 It imports nothing of hexsim; docs/motion_computer.md is all that it was written from. Take it as a template for your own machine.
 Its time follows the host's packets (lockstep): a packet of host time t runs it to t.
-Setpoints are played on a cubic B-spline through the last four packets, one packet late: the kinks of straight lines would be taken
-for the valve's by a compensator. The piston leaks, and `hexsim identify bench` is not told so: `--leak 0`
+Setpoints are played on a cubic B-spline through the last four packets, one packet late: straight lines would jolt at each
+packet. The piston leaks, and `hexsim identify bench` is not told so: `--leak 0`
 has none. A compensator that is asked for by HXP2 is of the package `compensation`, which knows numpy and numba and no hexsim;
 where it is not installed, the request is refused. It sees 28 ms ahead: with it setpoints are played so much later.
 """

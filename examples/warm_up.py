@@ -2,7 +2,7 @@
 
     python examples/warm_up.py [--out runs/warm_up]
 
-Writes warm_up.png, laminar_edge.png and warm_up.json. Three minutes; the adaptive compensator takes most of them.
+Writes warm_up.png, laminar_edge.png and warm_up.json. Two minutes; the compensator takes most of them.
 """
 
 from __future__ import annotations

@@ -110,9 +110,9 @@ def compensated(plain: Run, folder: Path) -> Act:
     assert figure is not None
     return Act(
         title="The bump compensated",
-        sentence=f"The adaptive compensator is told neither dead band nor friction; it learns both while the machine moves, "
+        sentence=f"The compensator knows neither dead band nor friction; it identifies both while the machine moves, "
         f"and the same reversals then peak at {peaks['adaptive']:.2f} in place of {peaks['none']:.2f} m/s².",
-        look="The right column, from the left: the first reversals are as before, then the compensator engages.",
+        look="The right column, from the left: the first reversals are nearly as before, then the compensator engages.",
         picture=png(figure),
         command=f"hexsim run {MOTION} --compensator none,adaptive --fast --out 2_compensated",
         links=(("report", "2_compensated/report.html"),),
