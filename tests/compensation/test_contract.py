@@ -16,7 +16,7 @@ from compensation import Compensator, Context, Sample
 
 NAMES = [
     "none", "exact", "iterative", "iterative_report_1", "iterative_report_2", "buffered", "buffered_report",
-    "buffered_two_sided", "adaptive", "estimated", "repetitive",
+    "buffered_two_sided", "adaptive", "repetitive",
 ]  # fmt: skip
 
 

@@ -31,11 +31,10 @@ def test_table_follows_the_function() -> None:
         assert table(u) == pytest.approx(function_2(u, 0.25, 1.0, 0.0), abs=1e-3)
 
 
-@pytest.mark.parametrize("name", ["adaptive", "estimated"])
-def test_table_jumps_across_the_overlap(name) -> None:
+def test_table_jumps_across_the_overlap() -> None:
     """What was learned in 8 s is the dead band of the report's valve: +-45.45 mV within 1 mV on either side of
     zero."""
-    table = learned(name)
+    table = learned("adaptive")
     for u in (0.01, -0.01):
         assert table(u) == pytest.approx(math.copysign(5e-6 / 1.1e-4, u), abs=1e-3)
 
@@ -59,7 +58,7 @@ def test_only_c_names_are_taken() -> None:
         to_c(table, note="end */ here")
 
 
-@pytest.mark.parametrize("name", ["buffered", "adaptive", "estimated", "exact"])
+@pytest.mark.parametrize("name", ["buffered", "adaptive", "exact"])
 def test_c_agrees_with_python_to_1e_12(name, tmp_path) -> None:
     """The C function, compiled, and the Python table agree to 1e-12 V at 20,000 voltages, ends and step included."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")

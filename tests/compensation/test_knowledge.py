@@ -10,8 +10,8 @@ import compensation
 
 @pytest.fixture(scope="module")
 def leg():
-    """A leg of a plant apart with a worn spool edge of 60 mV and 50 kg, 12 s of motion with `estimated`."""
-    made = compensation.create("estimated")
+    """A leg of a plant apart with a worn spool edge of 60 mV and 50 kg, 12 s of motion with `adaptive`."""
+    made = compensation.create("adaptive")
     record = run(made, Leg(overlap_m=6.6e-6, mass_kg=50.0), duration_s=12.0)
     return made, record.state
 

@@ -1,0 +1,68 @@
+"""What real machines have and no data sheet says: delays, leaks, an offset null, soft oil, presliding, a host without future."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from leg_plant import Leg, run
+from scipy.signal import butter, sosfiltfilt
+
+import compensation
+
+# Of plain control's bump of some 0.5 m/s2. With a delay single periods keep 0.15 m/s2 for as long as it runs.
+LATE, OTHERS = 1 / 3, 1 / 5
+LEGS: dict[str, tuple[dict[str, Any], float]] = {
+    "position 2 ms late": ({"position_delay_s": 2e-3}, LATE),
+    "valve 6 ms late": ({"valve_delay_s": 6e-3}, LATE),
+    "leak from the supply": ({"leak_supply_m3_s_Pa": 2.5e-12}, OTHERS),
+    "7 % of air": ({"air": 0.07}, OTHERS),
+    "valve 2 ms late": ({"valve_delay_s": 2e-3}, LATE),
+    "leak to the tank": ({"leak_tank_m3_s_Pa": 2.5e-12}, OTHERS),
+    "null offset": ({"null_V": -0.15}, OTHERS),
+    "presliding over 60 um": ({"bristle_N_m": 1e6}, OTHERS),
+    "presliding over 6 um": ({"bristle_N_m": 1e7}, OTHERS),
+    "2 % of air": ({"air": 0.02}, OTHERS),
+}
+DAILY = 4
+
+
+@pytest.mark.parametrize(
+    "name", [*list(LEGS)[:DAILY], *(pytest.param(n, marks=pytest.mark.slow) for n in list(LEGS)[DAILY:])]
+)
+def test_what_is_not_declared_is_compensated(name) -> None:
+    """0.05 m at 0.5 Hz, 40 kg, nothing known of it: from 12 s on a fifth of plain control's bump is left, a third where something is
+    late; no period before is worse than plain control by more than a tenth."""
+    changes, left = LEGS[name]
+    bump = run(compensation.create("none"), Leg(**changes), duration_s=8.0).peak(4.0, 8.0)
+    peaks = run(compensation.create("adaptive"), Leg(**changes), duration_s=20.0).peaks()
+    assert peaks[5:].max() <= left * bump
+    assert peaks.max() <= 1.1 * bump
+
+
+def test_without_preview() -> None:
+    """A host that gives the present setpoint alone, 500 Hz: at most 0.06 m/s2 from 14 s on, where plain control has 0.53."""
+    made = compensation.create("adaptive", preview_s=0.0)
+    assert run(made, duration_s=20.0).peak(14.0, 20.0) <= 0.06
+
+
+def five_sines(t: np.ndarray) -> np.ndarray:
+    """Irregular motion: five sines between 0.13 and 0.97 Hz, phases drawn."""
+    f = np.array([0.13, 0.31, 0.47, 0.71, 0.97])
+    phases = np.random.default_rng(9005).uniform(0.0, 2 * np.pi, 5)
+    waves = 0.0072 / f**0.8 * np.sin(2 * np.pi * f * np.asarray(t)[..., None] + phases)
+    return 0.1 + np.minimum(t / 2.0, 1.0) * waves.sum(-1)
+
+
+def test_light_leg_behind_a_late_valve_does_not_oscillate() -> None:
+    """4 ms of valve delay, 40 kg, irregular: in 50 Hz the deviation from what is asked for is from 15 s on at most a quarter of plain
+    control's. A damping that knew no delay fed the oil column at 97 Hz there until the ride was 5.8 m/s2."""
+    late = slice(150_000, 238_000)
+    asked = np.gradient(np.gradient(five_sines(np.arange(240_000) * 1e-4), 1e-4), 1e-4)
+    off = {}
+    for name in ("none", "adaptive"):
+        made = run(compensation.create(name), Leg(valve_delay_s=4e-3), five_sines, 24.0, period_s=None, seed=9005)
+        low = sosfiltfilt(butter(4, 50.0, fs=1e4, output="sos"), made.acceleration_m_s2)
+        off[name] = np.abs(low - asked)[late].max()
+    assert off["adaptive"] < off["none"] / 4
