@@ -1,19 +1,16 @@
 """The benchmarks' own functions run, and what they compare is comparable. Speeds are measured by hand, not here."""
 
-import dataclasses
 import importlib
 import time
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 from hexsim.scenarios import load_scenario
-from hexsim.simulation import simulate
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 
@@ -145,54 +142,3 @@ def test_speeds_counts_cpu_time(peer):
     sleeping, working = peer.speeds([lambda: time.sleep(0.02), work], 1.0, 2)
     assert sleeping > 2.0 * working
     assert 25.0 < working <= 50.0
-
-
-def test_a_reversal_is_held_against_the_same_one_of_plain_control(benchmark):
-    """Bumps count where plain control's piston turns, by 5 % and by 0.03 m/s2 both; where it stands still, what the motion
-    deviates from the command counts and not the bump of the turn."""
-    worse = benchmark("compensation_robustness").worse_reversals
-    plain = [(0.5, True, 0.1), (0.5, True, 0.1), (0.1, True, 0.1), (0.01, False, 0.2), (0.01, False, 0.2)]
-    other = [(0.52, True, 0.9), (0.56, True, 0.1), (0.12, True, 0.9), (0.9, True, 0.2), (0.9, True, 0.3)]
-    assert worse(plain, other) == [False, True, False, False, True]
-    assert worse(plain, plain) == [False] * 5
-
-
-def test_plain_control_with_the_same_noise_is_not_worse_than_itself(benchmark):
-    """Same seed and same noise: bump for bump the same. Another noise moves them."""
-    chance = benchmark("reversal_chance")
-    case = {"conditions": ["as declared"], "mass_kg": 40.0, "motion": "0.01 m 1 Hz", "seed": 3, "host": False}
-    first = chance.bumps_of(case, "none", 0)
-    assert first == chance.bumps_of(case, "none", 0) != chance.bumps_of(case, "none", 1)
-
-
-def test_a_bump_of_a_platform_counts_at_its_axis_and_its_reversal(benchmark):
-    """A swing of 0.4 m/s2 at 12 Hz within 50 ms, put into surge about one of its reversals, is that bump to 5 %: its spectrum lies
-    within the band. No bump of another axis or time has it."""
-    count = benchmark("hexapod_reversals")
-    scenario = load_scenario("combined", duration_s=6.0)
-    run = simulate(load_machine("micro_motion_system"), scenario, fast=True)
-    before = count.bumps(run)
-    place = next(i for i, (axis, time, _) in enumerate(before) if axis == "x" and time > 3.0)
-    since = run.log["time_s"].to_numpy() - before[place][1]
-    burst = 0.4 * np.cos(2.0 * np.pi * 12.0 * since) * np.exp(-((since / 0.05) ** 2))
-    quiet = pl.Series("true_acceleration_x_m_s2", np.zeros(len(since)))
-    bare, shaken = (
-        count.bumps(dataclasses.replace(run, log=run.log.with_columns(quiet + values)))
-        for values in (0.0 * burst, burst)
-    )
-    changed_ones = [i for i, (a, b) in enumerate(zip(bare, shaken, strict=True)) if b[2] - a[2] > 0.01]
-    assert changed_ones == [place]
-    assert shaken[place][2] == pytest.approx(np.ptp(burst), rel=0.05)
-    assert count.worse_ones(bare, shaken) == [("x", round(before[place][1], 2), 0.0, round(shaken[place][2], 3))]
-
-
-def test_a_drawn_motion_is_of_its_seed(benchmark):
-    """Phases of the six sines: those of the file, or drawn by the seed; all else is the scenario's."""
-    count = benchmark("hexapod_reversals")
-    shipped, first, again, other = (
-        count.motion_of({"motion": motion, "seed": seed}) for motion, seed in
-        (("shipped", 1), ("drawn", 1), ("drawn", 1), ("drawn", 2))
-    )  # fmt: skip
-    assert shipped == load_scenario("combined") != first == again != other
-    still = {axis: dataclasses.replace(one, phase_rad=0.0) for axis, one in first.signals.items()}
-    assert dataclasses.replace(first, signals=still) == shipped

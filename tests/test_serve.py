@@ -334,16 +334,15 @@ def test_nothing_is_made_while_the_machine_moves(monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(
-    "parameters", [{"a": None}, {"a": 1e308}, {"flow": 5}, {"legs": "x"}, {"a": [[]]}, {"a": 10**300}]
+    "parameters", [{"a": None}, {"a": 1e308}, {"numbers": 5}, {"legs": "x"}, {"a": [[]]}, {"a": 10**300}]
 )
-@pytest.mark.parametrize("name", ["adaptive", "estimated"])
-def test_parameters_of_any_kind_are_survived(name, parameters) -> None:
+def test_parameters_of_any_kind_are_survived(parameters) -> None:
     """Parameters that are not the algorithm's: taken or refused, and the machine ticks on."""
     with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1)
-            ask(host, server, AskedCompensator(leg=1, n_legs=1, name=name, parameters=parameters))
+            ask(host, server, AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=parameters))
             host.run(0.1)
             assert host.reply.state == State.NEUTRAL
 

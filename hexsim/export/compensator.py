@@ -93,21 +93,10 @@ def native_functions(name: str) -> dict[str, Any]:
     def state_size():
         return size
 
-    functions = {
-        "init": init, "step": step, "expect": expect, "hear": hear_other, "get_parameters": get_parameters,
+    return {
+        "init": init, "step": step, "expect": expect, "feel": feel, "hear": hear_other, "get_parameters": get_parameters,
         "set_parameters": set_parameters, "state_size": state_size,
     }  # fmt: skip
-    if made.algorithm.feels_legs:
-        functions["feel"] = feel
-    if made.design is not None:
-        design = made.design
-
-        @cfunc(types.void(pointer), error_model="numpy")
-        def make_design(state):
-            design(carray(state, (1,), layout)[0].algorithm)
-
-        functions["design"] = make_design
-    return functions
 
 
 def export_compensator(
@@ -138,8 +127,8 @@ def export_compensator(
     written = {
         f"{prefix}.o": code,
         f"{prefix}.h": header(name, context, learned).encode(),
-        "main.c": filled("main.c", name, values).encode(),
-        "README.md": filled("README.md", name, values).encode(),
+        "main.c": filled("main.c", values).encode(),
+        "README.md": filled("README.md", values).encode(),
     }
     if has_linker():
         written[f"{system.prefix}{prefix}{system.suffix}"] = shared_library(code, system, prefix)
@@ -186,7 +175,7 @@ def header(name: str, context: Context, learned: Mapping[str, Any] | None = None
         "PARAMETER_PLACES": _places(f"{prefix}_LEARNED_", made.learned_names),
         "LEARNED": "" if learned is None else _learned_array(f"hexsim_{name}", parameters),
     }  # fmt: skip
-    return filled("header.h", name, values)
+    return filled("header.h", values)
 
 
 def _places(prefix: str, names: Iterable[str]) -> str:

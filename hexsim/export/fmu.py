@@ -135,7 +135,7 @@ def machine_header(plant: Plant, variables: Variables, what: str, compensator: s
         "N_INPUTS": len(variables.inputs), "RING": DELAYED_COMMANDS if delay.any() else 2,
         "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
         "COMPENSATOR_SIZE": made.size if what == "machine" else 1, "N_SETTINGS": len(settings[0]),
-        "HAS_DESIGN": int(made.design is not None), "N_SEEN": seen, "TELLS": TELLS,
+        "N_SEEN": seen, "TELLS": TELLS,
         "COMPENSATOR_PARAMETER": len(variables.parameters) - 1,
     }  # fmt: skip
     kinds = ", ".join(OUTPUT_KINDS.values())

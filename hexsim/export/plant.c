@@ -303,9 +303,6 @@ static void control(Instance *c) {
 #endif
     int told = COMPENSATOR(step)(now->compensators[i], path[i], path + N_LEGS + i, 1, position[i], asked[i], forward[i],
                                  now->commanded[i], bottom[i], top[i], supply, &added);
-#if HAS_DESIGN
-    if (told & 1) COMPENSATOR(design)(now->compensators[i]);
-#endif
     tells[i] = told & TELLS;
     asked[i] += added;
   }

@@ -92,7 +92,6 @@ double hexsim_command(double *memory, const double *asked, double *commanded, do
 int COMPENSATOR(init)(double *state, const double *settings);
 int COMPENSATOR(step)(double *state, double setpoint, const double *preview, int count, double position, double control,
                       double forward, double valve, double bottom, double top, double supply, double *added);
-void COMPENSATOR(design)(double *state);                                      /* where it HAS_DESIGN */
 void COMPENSATOR(hear)(double *state, const double *other);
 /* What a platform's legs do together, where the compensators are given it: N_SEEN. */
 void COMPENSATOR(feel)(double *state, double load, const double *mobility, const double *forces, const double *speeds, int count);

@@ -109,7 +109,7 @@ class Slave:
 @pytest.mark.slow
 def test_the_compensator_inside_is_the_one_of_a_run(tmp_path):
     """11 s of the bench with `compensator.adaptive` = 1, written by the command line: volts, positions and pressures are
-    those of a run with `adaptive` that is told no future, within 1e-11; without the parameter those of plain control."""
+    those of a run with `adaptive` that is told no future, within 1e-10; without the parameter those of plain control."""
     machine = changed(load_machine("bench"), SILENT | {"sensors.position_resolution_m": 0.0})
     path, settings = tmp_path / "machine.fmu", [f"{key}={value}" for key, value in SILENT.items()]
     arguments = [
@@ -138,7 +138,7 @@ def test_the_compensator_inside_is_the_one_of_a_run(tmp_path):
         assert (added > 0.1) == (switch == 1.0)
         for found, theirs in ((before["position_m"], "true_position_m"), (after["valve_V"], "valve_V")):
             wanted = rows[theirs].to_numpy()
-            assert np.abs(found - wanted).max() < 1e-11 * np.abs(wanted).max(), theirs
+            assert np.abs(found - wanted).max() < 1e-10 * np.abs(wanted).max(), theirs
 
 
 def test_states_steps_and_sensors_of_a_motion_computer(bench, tmp_path):
