@@ -38,8 +38,8 @@ class AdaptiveState:
 def tick_first(
     states, table, preview, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
 ):  # fmt: skip
-    """`tick_of` of states (1,)."""
-    return tick_of(
+    """`tick_of` of states (1,), with the damping's design."""
+    volts = tick_of(
         states[0],
         table,
         preview,
@@ -56,6 +56,9 @@ def tick_first(
         supply,
         forward,
     )
+    if states[0].damping.wanted:
+        design_damping(states[0])
+    return volts
 
 
 @compiled
@@ -68,12 +71,6 @@ def hear_first(states, others):
 def start_first(states):
     """`start` of states (1,)."""
     start(states[0])
-
-
-@compiled
-def design_first(states):
-    """`design_damping` of states (1,)."""
-    design_damping(states[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,16 +97,13 @@ class Adaptive(Compensator):
         return state
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
-        volts = tick_first(
+        return tick_first(
             state.states, prediction_table(), np.asarray(sample.preview_m, float),
             np.asarray(sample.load_preview_m_s2, float), sample.load_of_pose_m_s2, np.asarray(sample.mobility, float),
             np.asarray(sample.forces_N, float), np.asarray(sample.speeds_m_s, float), sample.setpoint_m,
             sample.position_m, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
             sample.pressure_supply_Pa, sample.feed_forward_V,
-        )  # fmt: skip
-        if state.states["damping"]["wanted"][0]:
-            design_first(state.states)
-        return volts, state
+        ), state  # fmt: skip
 
     def together(self, states: Sequence[AdaptiveState]) -> AdaptiveLegs:
         """What steps these legs in one call."""

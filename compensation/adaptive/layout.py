@@ -70,12 +70,13 @@ INVERSE = record(
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
     position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
-    count=i, behind_m=f, lag_m=f, load_lag_m_s2=f, stale=i,
+    count=i, behind_m=f, lag_m=f, load_lag_m_s2=f, stale=i, late_s=f, late_sums=(f, (2,)), speed_m_s=f,
+    followed_m=(f, (QUEUE + 1,)), behind_two_m=f,
 )  # fmt: skip
 EXPECTED = record(
     S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)), d_now=(f, (N_NUMBERS,)),
     d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), lag_m=f, w=(f, (16,)),
-    scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, plain_V=f,
+    scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, plain_V=f, loop=LOOP,
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
 )  # fmt: skip
@@ -89,5 +90,5 @@ STATE = record(
     heard=(i, (MOST_LEGS,)), alone=(f, (MOST_LEGS, N_NUMBERS)), alone_variance=(f, (MOST_LEGS, N_NUMBERS)), mean_N=(f, (MOST_LEGS,)),
     past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP, damping=DAMPING,
-    share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i,
+    share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i, said_bump2=(f, (MOST_LEGS,)), said_doubt2=(f, (MOST_LEGS,)),
 )  # fmt: skip

@@ -63,6 +63,8 @@ def restore(s, learned):
         fit.held[k] = known.sd[k] * fit.held[k] ** 0.5
     restore_prior(fit, s.settings, known.numbers, fit.held)
     for k in range(N_NUMBERS):
+        fit.mean[k] = known.numbers[k] = min(max(known.numbers[k], fit.low[k]), fit.high[k])
+    for k in range(N_NUMBERS):
         fit.a[k] = fit.held[k] = 0.0
     fit.stage = LAST_STAGE
 
@@ -70,7 +72,8 @@ def restore(s, learned):
 @compiled
 def refused_number(known, settings, prior):
     """0, or 1 + the place of the first number that cannot be this machine's. known (n,): doubles of LEARNED; settings: a record SETTINGS;
-    prior: a record PRIOR, space."""
+    prior: a record PRIOR, space. Bounds come of a data sheet, and the twin that has learned may have another one: a number may lie
+    beyond by its prior's standard deviation, and is taken as the bound."""
     any_scale = False
     for i in range(len(known)):
         if known[i] - known[i] != 0.0:
@@ -86,7 +89,7 @@ def refused_number(known, settings, prior):
     if not prior.low[HOLD] <= known[HOLD] <= prior.high[HOLD]:
         return 1 + HOLD
     for k in range(N_NUMBERS):
-        if not prior.low[k] <= known[k] <= prior.high[k]:
+        if not prior.low[k] - prior.sd[k] <= known[k] <= prior.high[k] + prior.sd[k]:
             return 1 + k
         if not 0.0 < known[SCALE + k] <= MOST_SCALE * prior.sd[k]:
             return 1 + SCALE + k
@@ -114,7 +117,7 @@ def refusal(known: Any, settings: Record, prior: Record) -> str:
     if place < 0:
         return ""
     if place < SCALE:
-        low, high = prior.low[place], prior.high[place]
+        low, high = prior.low[place] - prior.sd[place], prior.high[place] + prior.sd[place]
         return f"numbers.{NAMES[place]} is {numbers[place]:g}; it must lie between {low:g} and {high:g}"
     if place < FACTOR:
         most = MOST_SCALE * prior.sd[place - SCALE]

@@ -6,6 +6,9 @@ r is the setpoint, D the speed that volts give through the identified valve. Whe
 band, softened: the motion that plain control makes but for its bumps, so that the volts come in without a step. Then D loses its
 dead band and g rises to 1: the leg follows the setpoint itself.
 
+What the loop's model leaves out of plain control's lag (setpoint filter, imperfect feed-forward, computing delay) goes with the speed
+and is measured: where plain control acts, r above is r - c r', c being what brings the demanded motion to the piston.
+
 The platform's load at the leg follows what all legs' setpoints ask for: a = a_r - b,  b' = (1 - g) a_r' - b (mean of D' Kp).
 """
 
@@ -26,12 +29,17 @@ from .leg import (
     HOLD,
     MASS,
     PLAY,
+    POSITION_LAG,
     S_A1,
     S_A2,
     S_FLOW,
     S_FOUR_WAY,
     S_TANK,
 )  # fmt: skip
+
+
+LATE_S = 4.0  # in which the lateness is forgotten: two periods of a sine of 0.5 Hz
+MOST_LATE_S = 0.5  # what is later than this is no follower of the setpoint
 
 
 @compiled
@@ -98,9 +106,9 @@ def plan_setpoints(s, table, preview):
     bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
     if ref.count == 0:
         ref.setpoint_m[:] = preview[0]
-        ref.count, ref.behind_m = 1, preview[0]
+        ref.count, ref.behind_m, ref.behind_two_m = 1, preview[0], preview[0]
     else:
-        ref.behind_m = ref.setpoint_m[0]
+        ref.behind_two_m, ref.behind_m = ref.behind_m, ref.setpoint_m[0]
     for j in range(QUEUE - 1):
         ref.setpoint_m[j] = ref.setpoint_m[j + 1]
     if not watch_setpoint(s.prediction, n if n > PREVIEW_TICKS else 1, bend, preview[0]):
@@ -125,15 +133,49 @@ def shares(s, j):
 
 
 @compiled
+def watch_lateness(s, position_m):
+    """What plain control's motion lags by beyond the loop's model [s]: a slope over the setpoint's speed, by least squares. It is taken
+    where the setpoint turns: there it moves nothing."""
+    ref, tick_s = s.reference, s.settings.tick_s
+    speed = (ref.setpoint_m[1] - ref.behind_m) / (2.0 * tick_s)
+    if s.share == 0.0 and s.linear == 0.0:
+        ahead = ref.position_m[0] + ref.late_s * speed - position_m - s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
+        share = tick_s / LATE_S
+        ref.late_sums[0] += share * (ahead * speed - ref.late_sums[0])
+        ref.late_sums[1] += share * (speed * speed - ref.late_sums[1])
+        if speed * ref.speed_m_s <= 0.0 and ref.late_sums[1] > 0.0:
+            ref.late_s = min(max(ref.late_sums[0] / ref.late_sums[1], -MOST_LATE_S), MOST_LATE_S)
+    ref.speed_m_s = speed
+
+
+@compiled
+def _follow(s):
+    """The setpoints less what plain control lags by beyond the loop's model, as far as plain control still acts: from the tick before
+    on, all by what is known now, so that their differences are those of one motion."""
+    ref = s.reference
+    two, before = ref.behind_two_m, ref.behind_m
+    for j in range(-1, QUEUE):
+        here = ref.setpoint_m[j] if j >= 0 else ref.behind_m
+        after = ref.setpoint_m[j + 1] if j + 1 < QUEUE else 2.0 * here - before
+        if j < 0:
+            before = two
+        linear = 1.0 - shares(s, j)[1]
+        left = 1.0 - linear * linear * (3.0 - 2.0 * linear)
+        ref.followed_m[j + 1] = here - left * ref.late_s * (after - before) / (2.0 * s.settings.tick_s)
+        before = here
+
+
+@compiled
 def plan_motion(s, loads, predicted):
     """Position, speed and load of the ticks from now on."""
     ref, tick_s = s.reference, s.settings.tick_s
     up, down = gains(s)
-    lag, before = ref.lag_m, ref.behind_m
+    _follow(s)
+    lag, before = ref.lag_m, ref.followed_m[0]
     for j in range(QUEUE):
         share, left = shares(s, j)
-        here = ref.setpoint_m[j]
-        after = ref.setpoint_m[j + 1] if j + 1 < QUEUE else 2.0 * here - before
+        here = ref.followed_m[j + 1]
+        after = ref.followed_m[j + 2] if j + 1 < QUEUE else 2.0 * here - before
         ref.position_m[j] = here - lag
         ref.velocity_m_s[j] = share * (after - before) / (2.0 * tick_s) + loop_speed(s, lag, left, up, down)
         lag = next_lag(s, lag, after - here, share, left, up, down)

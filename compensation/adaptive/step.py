@@ -55,7 +55,7 @@ from .leg import (
     valve_lag_s,
 )  # fmt: skip
 from .prior import fill_sheet
-from .reference import gains, loop_speed, next_lag, plan_motion, plan_setpoints
+from .reference import gains, loop_speed, next_lag, plan_motion, plan_setpoints, watch_lateness
 
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
@@ -201,7 +201,7 @@ def _in_motion(s):
 
 
 @compiled
-def _expect(s, volts, last, left):
+def _expect(s, volts, last, left, setpoint_m, forward_V):
     """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
     each half stroke."""
     e, ref, tick_s, numbers = s.expected, s.reference, s.settings.tick_s, s.numbers
@@ -211,17 +211,21 @@ def _expect(s, volts, last, left):
     v, a = ref.velocity_m_s[whole], (ref.velocity_m_s[whole + 1] - ref.velocity_m_s[whole]) / tick_s
     extra = numbers[MASS] * ref.extra_m_s2[whole]
     up, down = gains(s)
+    feeds = 1.0 if s.settings.controller_feeds_forward != 0.0 else 0.0
+    here, after = ref.setpoint_m[0], ref.setpoint_m[1]
     if not e.started:
-        e.plain_V = _steady(e.plain, s, ref.position_m[whole], v, numbers)
+        e.plain_V = _steady(e.plain, s, ref.position_m[0], ref.velocity_m_s[0], numbers)
         e.started, e.unsteady = 1, QUEUE
-        e.lag_m = ref.setpoint_m[whole] - ref.position_m[whole]
+        e.lag_m = here - ref.position_m[0]
     asked = loop_speed(s, e.lag_m, 1.0, up, down)  # plain control's own motion but for its bumps
-    e.lag_m = next_lag(s, e.lag_m, ref.setpoint_m[whole + 1] - ref.setpoint_m[whole], 0.0, 1.0, up, down)
-    smooth = (loop_speed(s, e.lag_m, 1.0, up, down) - asked) / tick_s
+    e.lag_m = next_lag(s, e.lag_m, after - here, feeds, 1.0, up, down)
+    bend = after - 2.0 * here + ref.behind_m
+    smooth = (loop_speed(s, e.lag_m, 1.0, up, down) - asked + feeds * bend / tick_s) / tick_s
     # plain control, by the model
-    control = kp * (ref.setpoint_m[whole] - e.plain[Y])
+    control = kp * (setpoint_m - e.plain[Y]) + forward_V
+    control -= fed_back_V(e.loop, s.settings, e.plain[Y], _load_Pa(s, e.plain[P1], e.plain[P2]))
     speed = e.plain[V]
-    tick(e.plain, e.S, numbers, s.sheet, control, e.plain_V, split, supply, extra, e.w)
+    tick(e.plain, e.S, numbers, s.sheet, control, e.plain_V, split, supply, numbers[MASS] * ref.extra_m_s2[0], e.w)
     e.plain_V = control
     b = low_pass(e.plain_filtered, (e.plain[V] - speed) / tick_s - smooth, s.sheet)
     e.bump = max(e.bump, abs(b))
@@ -366,6 +370,7 @@ def tick_of(
         ref.stale -= 1
         return 0.0
     e = s.expected
+    watch_lateness(s, position_m)
     if not e.started and not _in_motion(s):
         return 0.0
     inv.x_before[:] = inv.x
@@ -374,13 +379,16 @@ def tick_of(
     if inv.started_now:
         inv.x_before[:] = inv.x
         last, inv.started_now = volts, 0
-    _expect(s, volts, last, left)
+    _expect(s, volts, last, left, setpoint_m, forward_V)
     _doubt(s, s.past.ticks % HALVES)
     knows = not has_changed(s.known.chi2) if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
     if e.halves > 0 and knows:
-        share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
-        wants = share > (STAY_SHARE if s.share > 0.0 else LEAST_SHARE)
+        bump2, doubt2 = e.bump2, e.sigma2 + e.left2
+        for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
+            bump2 += s.said_bump2[k]
+            doubt2 += s.said_doubt2[k]
+        wants = bump2 / (bump2 + doubt2) > (STAY_SHARE if s.share > 0.0 else LEAST_SHARE)
     probe = _probe(s) if s.share == 0.0 and e.halves > 0 and knows and not wants else 0.0
     wanted = 1.0 if wants else 0.0
     if s.platform:
@@ -406,7 +414,9 @@ def tick_of(
 
 @compiled
 def hear_leg(s, other):
-    """Legs of a platform engage together: one that does not want to keeps the others out."""
+    """Legs of a platform engage together: one that is not known, or where all do not gain, keeps the others out."""
     hear_windows(s, other)
+    e = other.expected
+    s.said_bump2[other.settings.leg], s.said_doubt2[other.settings.leg] = e.bump2, e.sigma2 + e.left2
     if other.wants == 0:
         s.objected = QUIET_TICKS
