@@ -42,14 +42,10 @@ class CompensationTable:
 def table_of(parameters: Parameters, voltage_max_V: float = 10.0) -> CompensationTable:
     """The learned curve of an algorithm's parameters.
 
-    Report algorithms: Eq. 5.2 or 5.3 with the learned a, q, r (of two curves their mean). `adaptive`,
-    `repetitive`: the dead band of either direction, and the difference of the two gains from their mean. `exact`: the
+    Report algorithms: Eq. 5.2 or 5.3 with the learned a, q, r (of two curves their mean). `adaptive`, `repetitive`:
+    the dead band of either direction, and the difference of the two gains from their mean. `exact`: the
     inverse of its flow curve.
     """
-    if "flow" in parameters:
-        edges = [parameters["flow"][side] for side in ("retract", "extend")]
-        dead_bands_V, gains = ([edge[name] for edge in edges] for name in ("dead_band_V", "gain_m_s_V"))
-        return _of_edges(dead_bands_V, gains, voltage_max_V)
     if "numbers" in parameters:
         numbers = parameters["numbers"]
         gains = [numbers["gain_dn"], numbers["gain_up"]]

@@ -19,8 +19,6 @@ from .knowledge import Knowledge
 from .learned_parameters import check_parameters
 from .native import EXPORTED, Native, native
 
-DESIGN_WANTED = 1  # told by a step of an algorithm with designs
-
 
 @dataclass(slots=True)
 class LibraryState:
@@ -119,8 +117,6 @@ class Library(Compensator):
             sample.feed_forward_V, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
             sample.pressure_supply_Pa, ctypes.byref(added),
         )  # fmt: skip
-        if state.told & DESIGN_WANTED:
-            self._call("design", state.numbers)
         return added.value, state
 
     def _inner(self, state: LibraryState) -> Any:

@@ -2,7 +2,7 @@
 # (numba does not list its own functions)
 """An algorithm behind the guard as compiled functions of one flat array: what leaves Python (`hexsim export compensator`).
 
-The same ticks as `Guarded`, to the bit, if every design that a tick asks for is made before the next one. What an algorithm is
+The same ticks as `Guarded`, to the bit. What an algorithm is
 to native code is its `NATIVE`, in its module `native`; everything else is shared.
 """
 
@@ -61,7 +61,6 @@ class Native:
     forget: Any  # (learned): what does not hold in the midst of a motion
     restore: Any  # (s, learned), in a state that was just started
     refused: Any  # (known (n,), whole): 0, or 1 + the place of the first learned number that cannot be this machine's
-    design: Any = None  # (s): where a tick may ask for one
     as_dict: Callable[[Any], Parameters]  # a record `learned` by name
     fill: Callable[[Any, Parameters], None]  # its inverse; ValueError, KeyError
     names: Mapping[str, Sequence[str]] = field(default_factory=dict)  # of the numbers of arrays in `learned`

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .compensator import Context, Parameters, Sample
 from .adaptive.adaptive import Adaptive, AdaptiveState
 from .adaptive.leg import GAIN_DN, GAIN_UP, valve_lag_s
+from .compensator import Context, Parameters, Sample
 
 MAX_PERIOD_S = 20.0
 MIN_TICKS = 20  # in a period

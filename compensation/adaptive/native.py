@@ -12,8 +12,8 @@ from ..guard import TELLS
 from ..native import Native
 from ..prediction import prediction_table
 from ..records import record
-from .damping import design_damping
 from .adaptive import Adaptive, AdaptiveState
+from .damping import design_damping
 from .layout import SETTINGS, STATE
 from .learned import LEARNED, PRIOR, as_dict, fill, keep, refused_number, restore
 from .leg import NAMES

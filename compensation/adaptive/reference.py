@@ -37,8 +37,8 @@ from .leg import (
     S_TANK,
 )  # fmt: skip
 
-
 LATE_S = 4.0  # in which the lateness is forgotten: two periods of a sine of 0.5 Hz
+USUAL_m_s = 0.05  # of a sine of 0.02 m at 0.5 Hz
 MOST_LATE_S = 0.5  # what is later than this is no follower of the setpoint
 
 
@@ -135,15 +135,17 @@ def shares(s, j):
 @compiled
 def watch_lateness(s, position_m):
     """What plain control's motion lags by beyond the loop's model [s]: a slope over the setpoint's speed, by least squares. It is taken
-    where the setpoint turns: there it moves nothing."""
+    where the setpoint turns: there it moves nothing. It begins with USUAL_m_s seen without lateness, which is forgotten like the rest."""
     ref, tick_s = s.reference, s.settings.tick_s
     speed = (ref.setpoint_m[1] - ref.behind_m) / (2.0 * tick_s)
+    if ref.late_sums[1] == 0.0:
+        ref.late_sums[1] = USUAL_m_s**2
     if s.share == 0.0 and s.linear == 0.0:
         ahead = ref.position_m[0] + ref.late_s * speed - position_m - s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
         share = tick_s / LATE_S
         ref.late_sums[0] += share * (ahead * speed - ref.late_sums[0])
         ref.late_sums[1] += share * (speed * speed - ref.late_sums[1])
-        if speed * ref.speed_m_s <= 0.0 and ref.late_sums[1] > 0.0:
+        if speed * ref.speed_m_s <= 0.0:
             ref.late_s = min(max(ref.late_sums[0] / ref.late_sums[1], -MOST_LATE_S), MOST_LATE_S)
     ref.speed_m_s = speed
 

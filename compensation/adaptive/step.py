@@ -65,6 +65,9 @@ LEAVE_S = 1.5
 # of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
 LEAST_SHARE = 0.8
 STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
+PERCEIVED_m_s2 = (
+    0.015  # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
+)
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
@@ -384,7 +387,7 @@ def tick_of(
     knows = not has_changed(s.known.chi2) if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
     if e.halves > 0 and knows:
-        bump2, doubt2 = e.bump2, e.sigma2 + e.left2
+        bump2, doubt2 = e.bump2, e.sigma2 + e.left2 + PERCEIVED_m_s2**2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
