@@ -97,12 +97,6 @@ def is_known_leg(chi2):
 
 
 @compiled
-def has_changed(chi2):
-    """Whether misfits chi2 (2,) say that a leg that was known is another one now."""
-    return max(chi2[0], chi2[1]) > CHANGED_LEG
-
-
-@compiled
 def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
     """One tick into the history. volts_before: what was sent at the tick before."""
     k = past.ticks & (HISTORY - 1)
@@ -485,6 +479,20 @@ def _misfit(fit, four_way, chi2):
 
 
 @compiled
+def _has_changed(fit, four_way):
+    """Whether a leg that was known is another one now: it shows in every window since, so that the worst one alone says nothing."""
+    rows = max(fit.count - 1, 1) * WINDOW
+    position = pressure = worst_position = worst_pressure = 0.0
+    for n in range(fit.count):
+        own, of_oil = fit.best.chi[n, 0], fit.best.chi[n, 1]
+        position, pressure = position + own, pressure + of_oil
+        worst_position, worst_pressure = max(worst_position, own), max(worst_pressure, of_oil)
+    if fit.count > 1:
+        position, pressure = position - worst_position, pressure - worst_pressure
+    return max(position / rows, pressure / (2.0 * rows if four_way else rows)) > CHANGED_LEG
+
+
+@compiled
 def _keep_known(s):
     """What the last stage has found, with its covariance's factor."""
     fit, best, known = s.fit, s.fit.best, s.known
@@ -497,6 +505,7 @@ def _keep_known(s):
     known.numbers[:] = best.numbers
     known.sd[:] = fit.sd
     _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, known.chi2)
+    known.changed = 1 if _has_changed(fit, s.sheet[S_FOUR_WAY] != 0.0) else 0
     known.valid = 1
     if s.platform:
         _keep_alone(fit, known)
@@ -639,7 +648,7 @@ def _settle(s):
     known = is_known_leg(fit.chi2)
     if known:
         fit.was_known = 1
-    elif fit.was_known and has_changed(fit.chi2):  # what it was before is another leg's
+    elif fit.was_known and _has_changed(fit, four_way):  # what it was before is another leg's
         fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = fit.stage = 0
         return
     elif fit.seen > fit.tries_seen + WINDOWS:

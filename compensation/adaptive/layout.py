@@ -56,7 +56,7 @@ FIT = record(
     aside_H=(f, (N_NUMBERS, N_NUMBERS)), aside_g=(f, (N_NUMBERS,)), aside_cost=f, aside=i, folded_until=i, folding=i, to_fold=i,
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
-    numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i,
+    numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i, changed=i,
     alone=(f, (N_NUMBERS,)), alone_variance=(f, (N_NUMBERS,)),  # without what other legs told, in units of sd
 )  # fmt: skip
 INVERSE = record(

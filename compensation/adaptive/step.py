@@ -18,7 +18,7 @@ from ..compiled import compiled
 from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
 from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
-from .estimator import FAST_SHARE, FAST_m_s, collect, has_changed, hear_windows, is_known_leg, watch, watch_legs, work
+from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import HALVES, MOST_DELAY, QUEUE
@@ -384,7 +384,7 @@ def tick_of(
         last, inv.started_now = volts, 0
     _expect(s, volts, last, left, setpoint_m, forward_V)
     _doubt(s, s.past.ticks % HALVES)
-    knows = not has_changed(s.known.chi2) if s.share > 0.0 else is_known_leg(s.known.chi2)
+    knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
     if e.halves > 0 and knows:
         bump2, doubt2 = e.bump2, e.sigma2 + e.left2 + PERCEIVED_m_s2**2 * max(settings.legs, 1)
