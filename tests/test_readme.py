@@ -30,12 +30,16 @@ def test_every_file_it_names_is_there():
         assert links and not [link for link in links if not (ROOT / link).exists()], name
 
 
+NUMBERS = ["none", "one", "two", "three", "four", "five", "six", "seven"]
+
+
 def test_compensation():
-    """Heave of the 600 kg machine is that of its page, and so are the seven targets that are met."""
+    """Heave of the 600 kg machine is that of its page, and so are the targets that are met."""
     none, _, adaptive, *_ = cells("compensation_targets.md", "hexapod, heave")
     assert f"from {float(none):.2f} to {float(adaptive):.2f} m/s2" in TEXT
     page = (RESULTS / "compensation_targets.md").read_text(encoding="utf-8").split("Heave reversals")[0]
-    assert re.findall(r"\| (yes|no) \|$", page, re.MULTILINE) == ["yes"] * 7 and "all seven" in TEXT
+    verdicts = re.findall(r"\| (yes|\*\*no\*\*: [\d.]+ of the target) \|$", page, re.MULTILINE)
+    assert f"{NUMBERS[verdicts.count('yes')]} of {NUMBERS[len(verdicts)]}" in TEXT.replace("\n", " ")
 
 
 def test_undeclared_effects():

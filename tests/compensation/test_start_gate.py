@@ -72,7 +72,7 @@ def test_every_odd_number_is_refused_in_one_sentence(learned) -> None:
 @pytest.mark.parametrize(
     ("place", "value", "sentence"),
     [
-        (("numbers", "zeta"), 9.0, r"numbers\.zeta is 9; it must lie between 0\.15 and 2\.5"),
+        (("numbers", "zeta"), 9.0, r"numbers\.zeta is 9; it must lie between -0\.15 and 2\.8"),
         (("numbers", "hold"), 1e5, r"numbers\.hold is 100000; it must lie between"),
         (("scale", "mass"), -1.0, r"scale\.mass is -1; it must lie between 0 and"),
         (("factor", 0), 0.0, r"factor\[0\] is 0; the factor's diagonal .* must be above zero"),

@@ -170,7 +170,7 @@ ZIG = [sys.executable, "-m", "ziglang", "cc"]
 
 @pytest.mark.parametrize("compiler", [["gcc"], ZIG])
 def test_the_example_compiles_and_compensates(compiler, exported, tmp_path):
-    """main.c in strict C99 with the object file, no warning: finds the dead band of its plant within 1 mV, leaves less than a third
+    """main.c in strict C99 with the object file, no warning: finds the dead band of its plant within 2 mV, leaves less than a third
     of plain control's bump, and says how long its functions take."""
     if shutil.which(compiler[0]) is None:
         pytest.skip("gcc is not installed")
@@ -181,7 +181,7 @@ def test_the_example_compiles_and_compensates(compiler, exported, tmp_path):
     text = subprocess.run([str(program), "20"], check=True, capture_output=True, text=True, timeout=60).stdout
     plain, compensated, found_V = (float(number) for number in re.findall(r"[0-9.]+(?= [mV])", text)[:3])
     assert plain > 0.3 and compensated < plain / 3.0
-    assert found_V == pytest.approx(0.0454, abs=1e-3)
+    assert found_V == pytest.approx(0.0454, abs=2e-3)
     assert re.findall(r"(\w+): [0-9]+, mean [0-9.]+ us, longest [0-9.]+ us", text) == ["steps"]
 
 
