@@ -2,8 +2,8 @@
 # (numba does not list its own functions)
 """An algorithm behind the guard as compiled functions of one flat array: what leaves Python (`hexsim export compensator`).
 
-The same ticks as `Guarded`, to the bit. What an algorithm is
-to native code is its `NATIVE`, in its module `native`; everything else is shared.
+The same ticks as `Guarded`, to the bit. What an algorithm is to native code is its `NATIVE`, in its module `native`; everything
+else is shared.
 """
 
 from __future__ import annotations

@@ -12,7 +12,6 @@ from ..compiled import compiled
 from ..knowledge import Knowledge
 from ..prediction import prediction_table
 from ..records import Record, empty
-from .damping import design_damping
 from .estimator import FEWEST, KNOWN_LEG
 from .known import knowledge_of
 from .layout import STATE
@@ -38,8 +37,8 @@ class AdaptiveState:
 def tick_first(
     states, table, preview, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
 ):  # fmt: skip
-    """`tick_of` of states (1,), with the damping's design."""
-    volts = tick_of(
+    """`tick_of` of states (1,)."""
+    return tick_of(
         states[0],
         table,
         preview,
@@ -56,9 +55,6 @@ def tick_first(
         supply,
         forward,
     )
-    if states[0].damping.wanted:
-        design_damping(states[0])
-    return volts
 
 
 @compiled

@@ -479,17 +479,19 @@ def _misfit(fit, four_way, chi2):
 
 
 @compiled
-def _has_changed(fit, four_way):
-    """Whether a leg that was known is another one now: it shows in every window since, so that the worst one alone says nothing."""
-    rows = max(fit.count - 1, 1) * WINDOW
-    position = pressure = worst_position = worst_pressure = 0.0
-    for n in range(fit.count):
-        own, of_oil = fit.best.chi[n, 0], fit.best.chi[n, 1]
-        position, pressure = position + own, pressure + of_oil
-        worst_position, worst_pressure = max(worst_position, own), max(worst_pressure, of_oil)
-    if fit.count > 1:
-        position, pressure = position - worst_position, pressure - worst_pressure
-    return max(position / rows, pressure / (2.0 * rows if four_way else rows)) > CHANGED_LEG
+def _has_changed(fit, four_way, chi2):
+    """Whether a leg that was known is another one now: it shows in every window since, so that the worst one alone says nothing.
+    chi2 (2,): as `_misfit`."""
+    largest = 0.0
+    for channel in range(2):
+        worst = 0.0
+        for n in range(fit.count):
+            worst = max(worst, fit.best.chi[n, channel])
+        worst /= WINDOW * (2.0 if channel == 1 and four_way else 1.0)
+        largest = max(
+            largest, (fit.count * chi2[channel] - worst) / (fit.count - 1) if fit.count > 1 else chi2[channel]
+        )
+    return largest > CHANGED_LEG
 
 
 @compiled
@@ -504,8 +506,9 @@ def _keep_known(s):
     known.factor[:, :] = fit.L
     known.numbers[:] = best.numbers
     known.sd[:] = fit.sd
-    _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, known.chi2)
-    known.changed = 1 if _has_changed(fit, s.sheet[S_FOUR_WAY] != 0.0) else 0
+    four_way = s.sheet[S_FOUR_WAY] != 0.0
+    _misfit(fit, four_way, known.chi2)
+    known.changed = 1 if _has_changed(fit, four_way, known.chi2) else 0
     known.valid = 1
     if s.platform:
         _keep_alone(fit, known)
@@ -648,7 +651,7 @@ def _settle(s):
     known = is_known_leg(fit.chi2)
     if known:
         fit.was_known = 1
-    elif fit.was_known and _has_changed(fit, four_way):  # what it was before is another leg's
+    elif fit.was_known and _has_changed(fit, four_way, fit.chi2):  # what it was before is another leg's
         fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = fit.stage = 0
         return
     elif fit.seen > fit.tries_seen + WINDOWS:

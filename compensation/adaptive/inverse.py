@@ -14,7 +14,7 @@ from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_TICK, V, Y
 
 AHEAD = 14  # ticks: 28 ms, longer than a spool of 25 Hz takes to cross
 FELT_HZ = 60.0  # corner of the low pass, of second order: above the band in which a bump is judged
-# [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a narrow dead band from edge to edge
+# [m/s2, m/s, m, V]: two thirds of what is just perceived (step.PERCEIVED_m_s2); what is not felt; a narrow dead band from edge to edge
 WEIGHTS = (1e-2, 1e-3, 1e-4, 9e-2)
 TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
 BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick

@@ -63,8 +63,6 @@ def restore(s, learned):
         fit.held[k] = known.sd[k] * fit.held[k] ** 0.5
     restore_prior(fit, s.settings, known.numbers, fit.held)
     for k in range(N_NUMBERS):
-        fit.mean[k] = known.numbers[k] = min(max(known.numbers[k], fit.low[k]), fit.high[k])
-    for k in range(N_NUMBERS):
         fit.a[k] = fit.held[k] = 0.0
     fit.stage = LAST_STAGE
 
@@ -89,7 +87,8 @@ def refused_number(known, settings, prior):
     if not prior.low[HOLD] <= known[HOLD] <= prior.high[HOLD]:
         return 1 + HOLD
     for k in range(N_NUMBERS):
-        if not prior.low[k] - prior.sd[k] <= known[k] <= prior.high[k] + prior.sd[k]:
+        prior.low[k], prior.high[k] = prior.low[k] - prior.sd[k], prior.high[k] + prior.sd[k]
+        if not prior.low[k] <= known[k] <= prior.high[k]:
             return 1 + k
         if not 0.0 < known[SCALE + k] <= MOST_SCALE * prior.sd[k]:
             return 1 + SCALE + k
@@ -117,7 +116,7 @@ def refusal(known: Any, settings: Record, prior: Record) -> str:
     if place < 0:
         return ""
     if place < SCALE:
-        low, high = prior.low[place] - prior.sd[place], prior.high[place] + prior.sd[place]
+        low, high = prior.low[place], prior.high[place]
         return f"numbers.{NAMES[place]} is {numbers[place]:g}; it must lie between {low:g} and {high:g}"
     if place < FACTOR:
         most = MOST_SCALE * prior.sd[place - SCALE]

@@ -10,7 +10,6 @@ import numpy as np
 from ..compiled import compiled
 from ..legs import Legs
 from ..prediction import prediction_table
-from .damping import design_damping
 from .layout import STATE
 from .step import SAY_TICKS, hear_leg, tick_of
 
@@ -37,7 +36,7 @@ def tick_legs(
     states, acts, table, preview, counts, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply,
     forward, added_V, finite,
 ):  # fmt: skip
-    """`tick_of` of those states (n,) that act (n,), with the damping's design, into added_V and finite (n,). preview, loads
+    """`tick_of` of those states (n,) that act (n,) into added_V and finite (n,). preview, loads
     (n, most) in rows, of which counts (n,) are the leg's; pose (n,), mobility (n, n) or (n, 0)."""
     for i in range(len(states)):
         if acts[i]:
@@ -45,8 +44,6 @@ def tick_legs(
                 states[i], table, preview[i, : counts[i]], loads[i, : counts[i]], pose[i], mobility[i], forces, speeds,
                 setpoint[i], position[i], valve[i], bottom[i], top[i], supply, forward[i],
             )  # fmt: skip
-            if states[i].damping.wanted:
-                design_damping(states[i])
             finite[i] = is_finite(states[i])
 
 

@@ -13,7 +13,6 @@ from ..native import Native
 from ..prediction import prediction_table
 from ..records import record
 from .adaptive import Adaptive, AdaptiveState
-from .damping import design_damping
 from .layout import SETTINGS, STATE
 from .learned import LEARNED, PRIOR, as_dict, fill, keep, refused_number, restore
 from .leg import NAMES
@@ -43,14 +42,12 @@ def start_given(s, own, given):
 def tick_given(
     s, inputs, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
 ):
-    """`tick_of` with inputs, and the damping's design."""
+    """`tick_of` with inputs."""
     n = inputs.legs
     volts = tick_of(
         s, table, preview, inputs.loads_m_s2[: inputs.loads], inputs.pose_m_s2, inputs.mobility[:n], inputs.forces_N[:n],
         inputs.speeds_m_s[:n], setpoint_m, position_m, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V,
     )  # fmt: skip
-    if s.damping.wanted:
-        design_damping(s)
     return volts, TELLS if tells(s) else 0
 
 

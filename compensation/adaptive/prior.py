@@ -212,10 +212,10 @@ def folded_cost(fit, numbers):
 @compiled
 def restore_prior(fit, settings, numbers, sd):
     """The prior after an earlier run: what was found, with its standard deviations, and the bounds of before. A machine may have
-    changed since: each number by DRIFT of what machines of its kind differ by."""
+    changed since: each number by DRIFT of what machines of its kind differ by. Numbers beyond the bounds are set to them."""
     fill_prior(fit, settings, numbers[HOLD])
     for k in range(N_NUMBERS):
-        fit.mean[k] = numbers[k]
+        fit.mean[k] = numbers[k] = min(max(numbers[k], fit.low[k]), fit.high[k])
         fit.sd[k] = (sd[k] * sd[k] + (DRIFT * fit.sd[k]) ** 2) ** 0.5
         fit.scale[k] = fit.sd[k]
     fit.restored = 1

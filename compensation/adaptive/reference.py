@@ -125,10 +125,16 @@ def plan_setpoints(s, table, preview):
 
 
 @compiled
-def shares(s, j):
-    """Share g of the setpoint's speed and of the dead band that is left, j ticks on: the plan knows that they move on."""
+def _on_setpoint(s, j):
+    """How far the motion is the setpoint's own, j ticks on: the plan knows that it moves on. At constant speed, and without a jerk."""
     linear = min(max(s.linear + j * s.linear_step, 0.0), 1.0)
-    g = linear * linear * (3.0 - 2.0 * linear)
+    return linear, linear * linear * (3.0 - 2.0 * linear)
+
+
+@compiled
+def shares(s, j):
+    """Share g of the setpoint's speed and of the dead band that is left, j ticks on."""
+    linear, g = _on_setpoint(s, j)
     return (g if s.settings.controller_feeds_forward == 0.0 else 1.0), 1.0 - linear
 
 
@@ -138,8 +144,6 @@ def watch_lateness(s, position_m):
     where the setpoint turns: there it moves nothing. It begins with USUAL_m_s seen without lateness, which is forgotten like the rest."""
     ref, tick_s = s.reference, s.settings.tick_s
     speed = (ref.setpoint_m[1] - ref.behind_m) / (2.0 * tick_s)
-    if ref.late_sums[1] == 0.0:
-        ref.late_sums[1] = USUAL_m_s**2
     if s.share == 0.0 and s.linear == 0.0:
         ahead = ref.position_m[0] + ref.late_s * speed - position_m - s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
         share = tick_s / LATE_S
@@ -155,14 +159,11 @@ def _follow(s):
     """The setpoints less what plain control lags by beyond the loop's model, as far as plain control still acts: from the tick before
     on, all by what is known now, so that their differences are those of one motion."""
     ref = s.reference
-    two, before = ref.behind_two_m, ref.behind_m
+    before = ref.behind_two_m
     for j in range(-1, QUEUE):
         here = ref.setpoint_m[j] if j >= 0 else ref.behind_m
         after = ref.setpoint_m[j + 1] if j + 1 < QUEUE else 2.0 * here - before
-        if j < 0:
-            before = two
-        linear = 1.0 - shares(s, j)[1]
-        left = 1.0 - linear * linear * (3.0 - 2.0 * linear)
+        left = 1.0 - _on_setpoint(s, j)[1]
         ref.followed_m[j + 1] = here - left * ref.late_s * (after - before) / (2.0 * s.settings.tick_s)
         before = here
 

@@ -1,11 +1,12 @@
 """One control tick: from a sample to the volts that are added.
 
 demanded motion    what the position loop makes of the setpoint through the identified valve, with its dead band at first, without it
-                   two seconds after the volts have come in
+                   once the volts are in; what plain control lags by beyond that is measured
 volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
-engagement         where b^2/(b^2 + e^2 + f^2) > LEAST_SHARE and the misfit is no more than KNOWN_LEG: b the bump that plain control
-                   makes by the model, f the one that the inverse leaves in it, e the one that the doubt about the numbers makes: S P S'
-                   of the acceleration, P the numbers' covariance; of the last half strokes, by what is known now
+engagement         where b^2/(b^2 + e^2 + f^2 + PERCEIVED^2) > LEAST_SHARE, sums over a platform's legs, and the misfit is no more than
+                   KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e the one
+                   that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last half
+                   strokes, by what is known now
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
 """
@@ -17,7 +18,7 @@ from math import pi, sin, sqrt
 from ..compiled import compiled
 from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
-from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
+from .damping import damping_rate_1_s, damping_V, design_damping, oil_stiffness, start_damping, watch_damping
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
@@ -55,7 +56,7 @@ from .leg import (
     valve_lag_s,
 )  # fmt: skip
 from .prior import fill_sheet
-from .reference import gains, loop_speed, next_lag, plan_motion, plan_setpoints, watch_lateness
+from .reference import USUAL_m_s, gains, loop_speed, next_lag, plan_motion, plan_setpoints, watch_lateness
 
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
@@ -65,9 +66,8 @@ LEAVE_S = 1.5
 # of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
 LEAST_SHARE = 0.8
 STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
-PERCEIVED_m_s2 = (
-    0.015  # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
-)
+# ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
+PERCEIVED_m_s2 = 0.015
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
@@ -88,6 +88,7 @@ def start(s):
     s.past.noise_m = max(s.past.noise_m, 1e-8)
     start_prediction(s.prediction)
     start_damping(s.damping, s.settings.tick_s)
+    s.reference.late_sums[1] = USUAL_m_s**2
     s.objected = QUIET_TICKS
     s.platform = 1 if s.settings.legs > 1 else 0
 
@@ -412,6 +413,8 @@ def tick_of(
     )
     own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
     own -= fed_back_V(s.loop, settings, ref.position_m[0], pressure)
+    if s.damping.wanted:
+        design_damping(s)
     return s.share * (total - own) + probe
 
 
