@@ -89,7 +89,7 @@ def picture(rows: list[dict[str, Any]], path: Path) -> None:
         plot.set(yscale="log", xlabel=axis)
         plot.grid(color="#dddddd", lw=0.6, which="both")
     plots[0].set_ylabel("peak in 50 Hz [m/s²]")
-    plots[0].legend(fontsize=7, loc="center left", bbox_to_anchor=(0.0, 0.68))
+    plots[1].legend(fontsize=7, loc="center right", bbox_to_anchor=(1.0, 0.68))
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
