@@ -35,7 +35,7 @@ class AdaptiveState:
 
 @compiled
 def tick_first(
-    states, table, preview, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
+    states, table, preview, loads, pose, mobility, forces, speeds, setpoint, position, control, valve, bottom, top, supply, forward
 ):  # fmt: skip
     """`tick_of` of states (1,)."""
     return tick_of(
@@ -49,6 +49,7 @@ def tick_first(
         speeds,
         setpoint,
         position,
+        control,
         valve,
         bottom,
         top,
@@ -97,7 +98,7 @@ class Adaptive(Compensator):
             state.states, prediction_table(), np.asarray(sample.preview_m, float),
             np.asarray(sample.load_preview_m_s2, float), sample.load_of_pose_m_s2, np.asarray(sample.mobility, float),
             np.asarray(sample.forces_N, float), np.asarray(sample.speeds_m_s, float), sample.setpoint_m,
-            sample.position_m, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
+            sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
             sample.pressure_supply_Pa, sample.feed_forward_V,
         ), state  # fmt: skip
 

@@ -212,11 +212,11 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
 
 
 @compiled
-def keep_first(x, U, before, y, v, filtered, th, sheet, supply, extra, none, w):
-    """The window moves on by a tick: the state under the first volts, the low pass' state, and the volts shifted."""
+def keep_first(x, U, sent, before, y, v, filtered, th, sheet, supply, extra, none, w):
+    """The window moves on by a tick: the state under the volts that were sent, the low pass' state, and the volts shifted."""
     split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
     speed = x[V]
-    tick(x, none, th, sheet, U[0], before, split, supply, extra[0], w)
+    tick(x, none, th, sheet, sent, before, split, supply, extra[0], w)
     e = ((x[V] - speed) - (v[1] - v[0])) / sheet[S_TICK]
     o = low_pass(filtered, e, sheet)
     for i in range(AHEAD - 1):

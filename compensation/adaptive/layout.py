@@ -65,8 +65,7 @@ INVERSE = record(
     s=(f, (N_STATES,)), steady=(f, (AHEAD,)),
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
     filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
-    x_before=(f, (N_STATES,)),
-    started_now=i, whole=i,
+    whole=i,
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
     position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
@@ -90,5 +89,6 @@ STATE = record(
     heard=(i, (MOST_LEGS,)), alone=(f, (MOST_LEGS, N_NUMBERS)), alone_variance=(f, (MOST_LEGS, N_NUMBERS)), mean_N=(f, (MOST_LEGS,)),
     past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP, damping=DAMPING,
-    share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i, said_bump2=(f, (MOST_LEGS,)), said_doubt2=(f, (MOST_LEGS,)),
+    asked_V=f, share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i,
+    said_bump2=(f, (MOST_LEGS,)), said_doubt2=(f, (MOST_LEGS,)),
 )  # fmt: skip

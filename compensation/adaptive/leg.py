@@ -12,7 +12,8 @@ behind one bristle (LuGre without damping), regularised in velocity (steady: F =
     C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
 
 Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion. The flow is that of the
-spool at the middle of a step, so that valve and oil are of second order in it.
+spool at the middle of a step, so that valve and oil are of second order in it. Lags of first order take implicit steps: late by the
+lag itself however short it is, so that the fit sees a lag of nothing grow.
 State (N_STATES,): y, v, P1, P2, spool [V], its rate, amplifier [V], bristle [m], P1 and P2 as measured. SI units, volts.
 """
 
@@ -42,7 +43,6 @@ N_NUMBERS, N_SPOOL = 32, 5
     S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_OWN,
 ) = range(14)  # fmt: skip
 N_SHEET = 14
-LEAST_LAG_S = 1e-5
 ATMOSPHERE_Pa = 1.0e5
 LEAST_PRESSURE_Pa = 1.0e4
 LEAST_COLUMN_m = 1e-3
@@ -148,9 +148,8 @@ def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before)
     h = sheet[S_TICK] / SUBSTEPS
     whole = int(th[DELAY] / sheet[S_TICK])
     edge = (th[DELAY] / sheet[S_TICK] - whole) * SUBSTEPS
-    la = th[AMP_LAG] if th[AMP_LAG] > LEAST_LAG_S else LEAST_LAG_S
-    ka = 1.0 - exp(-h / la)
-    dka = -(1.0 - ka) * h / (la * la) if th[AMP_LAG] > LEAST_LAG_S else 0.0
+    ka = h / (th[AMP_LAG] + h)
+    dka = -ka * ka / h
     om = 6.283185307179586 * exp(th[LN_SPOOL])
     x[AMP] = x[X] = arriving[first - whole]
     x[XD] = 0.0
@@ -199,12 +198,10 @@ def tangent(
     rounds = 1.0 if s > blunt_V else 0.0
     s = s if s > blunt_V else blunt_V
     om = 6.283185307179586 * exp(th[LN_SPOOL])
-    la = th[AMP_LAG] if th[AMP_LAG] > LEAST_LAG_S else LEAST_LAG_S
-    ka = 1.0 - exp(-h / la)
-    dka = -(1.0 - ka) * h / (la * la) if th[AMP_LAG] > LEAST_LAG_S else 0.0
-    lp = th[PRESSURE_LAG] if th[PRESSURE_LAG] > LEAST_LAG_S else LEAST_LAG_S
-    kp = 1.0 - exp(-h / lp)
-    dkp = -(1.0 - kp) * h / (lp * lp) if th[PRESSURE_LAG] > LEAST_LAG_S else 0.0
+    ka = h / (th[AMP_LAG] + h)
+    dka = -ka * ka / h
+    kp = h / (th[PRESSURE_LAG] + h)
+    dkp = -kp * kp / h
     E = sheet[S_E] / (1.0 + th[SOFT])
     cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
     flow = sheet[S_FLOW]

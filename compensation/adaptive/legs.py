@@ -33,7 +33,7 @@ def tells(s):
 
 @compiled
 def tick_legs(
-    states, acts, table, preview, counts, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply,
+    states, acts, table, preview, counts, loads, pose, mobility, forces, speeds, setpoint, position, control, valve, bottom, top, supply,
     forward, added_V, finite,
 ):  # fmt: skip
     """`tick_of` of those states (n,) that act (n,) into added_V and finite (n,). preview, loads
@@ -42,7 +42,7 @@ def tick_legs(
         if acts[i]:
             added_V[i] = tick_of(
                 states[i], table, preview[i, : counts[i]], loads[i, : counts[i]], pose[i], mobility[i], forces, speeds,
-                setpoint[i], position[i], valve[i], bottom[i], top[i], supply, forward[i],
+                setpoint[i], position[i], control[i], valve[i], bottom[i], top[i], supply, forward[i],
             )  # fmt: skip
             finite[i] = is_finite(states[i])
 
@@ -77,7 +77,7 @@ class AdaptiveLegs:
         """As `Adaptive.step` and `Adaptive.finite`."""
         tick_legs(
             self.joined, acts, prediction_table(), legs.preview_m, legs.counts, legs.load_preview_m_s2, legs.load_of_pose_m_s2,
-            legs.mobility, legs.forces_N, legs.speeds_m_s, legs.setpoint_m, legs.position_m, legs.valve_V,
+            legs.mobility, legs.forces_N, legs.speeds_m_s, legs.setpoint_m, legs.position_m, legs.control_V, legs.valve_V,
             legs.pressure_bottom_Pa, legs.pressure_top_Pa, legs.pressure_supply_Pa, legs.feed_forward_V, added, finite,
         )  # fmt: skip
 

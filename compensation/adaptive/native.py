@@ -46,7 +46,7 @@ def tick_given(
     n = inputs.legs
     volts = tick_of(
         s, table, preview, inputs.loads_m_s2[: inputs.loads], inputs.pose_m_s2, inputs.mobility[:n], inputs.forces_N[:n],
-        inputs.speeds_m_s[:n], setpoint_m, position_m, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V,
+        inputs.speeds_m_s[:n], setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V,
     )  # fmt: skip
     return volts, TELLS if tells(s) else 0
 

@@ -120,7 +120,7 @@ def _steady(x, s, y, v, numbers):
 
 @compiled
 def _invert(s):
-    """Volts of this tick, before the backlash's inverse; the state and volts of the window move on."""
+    """Volts of this tick, before the backlash's inverse."""
     inv, ref = s.inverse, s.reference
     whole = int(s.numbers[DELAY] / s.settings.tick_s)
     for j in range(AHEAD + 1):
@@ -147,28 +147,26 @@ def _invert(s):
         inv.U[:] = volts
         inv.before = inv.older = volts
         inv.filtered[:] = 0.0
-        inv.running = inv.started_now = 1
+        inv.running = 1
     improve(
-        inv.x,
-        inv.U,
-        inv.before,
-        inv.older,
-        inv.y,
-        inv.v,
-        inv.filtered,
-        s.numbers,
-        s.sheet,
-        supply,
-        inv.extra,
-        limit,
-        inv,
-    )
-    volts = inv.U[0]
+        inv.x, inv.U, inv.before, inv.older, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, limit, inv
+    )  # fmt: skip
+    return inv.U[0]
+
+
+@compiled
+def _move_on(s, valve_V):
+    """The window moves on over the tick that has passed, under what was sent: converter, range and guard may have made other volts of
+    those that were asked for. Returns what acceleration was left, in the low pass [m/s2]."""
+    inv = s.inverse
+    if not inv.running:
+        return 0.0
+    sent = inv.U[0] + valve_V - s.asked_V
     left = keep_first(
-        inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.S, inv.w
-    )
-    inv.older, inv.before = inv.before, volts
-    return volts, left
+        inv.x, inv.U, sent, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, s.past.supply_mean_Pa, inv.extra, inv.S, inv.w
+    )  # fmt: skip
+    inv.older, inv.before = inv.before, sent
+    return left
 
 
 @compiled
@@ -183,10 +181,10 @@ def _damp(s, bottom_Pa, top_Pa):
     d, x, sheet, settings = s.damping, s.inverse.x, s.sheet, s.settings
     whole = int(s.numbers[DELAY] / settings.tick_s)
     turn = (s.past.ticks - settings.leg) % max(settings.legs, 1) == 0
-    watch_damping(d, s.numbers, _load_Pa(s, bottom_Pa, top_Pa) - d.expected_Pa[whole], turn)
     for j in range(MOST_DELAY, 0, -1):
         d.expected_Pa[j] = d.expected_Pa[j - 1]
     d.expected_Pa[0] = _load_Pa(s, x[M1], x[M2])
+    watch_damping(d, s.numbers, _load_Pa(s, bottom_Pa, top_Pa) - d.expected_Pa[whole], turn)
     if s.share == 0.0:
         return 0.0
     up, down = gains(s)
@@ -205,7 +203,7 @@ def _in_motion(s):
 
 
 @compiled
-def _expect(s, volts, last, left, setpoint_m, forward_V):
+def _expect(s, volts, left, setpoint_m, forward_V):
     """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
     each half stroke."""
     e, ref, tick_s, numbers = s.expected, s.reference, s.settings.tick_s, s.numbers
@@ -235,7 +233,7 @@ def _expect(s, volts, last, left, setpoint_m, forward_V):
     e.bump = max(e.bump, abs(b))
     e.left = max(e.left, abs(left))
     # the numbers' doubt in the compensated motion
-    e.x[:] = s.inverse.x_before
+    e.x[:] = s.inverse.x
     e.speed[:] = e.S[V]
     tangent(
         e.x,
@@ -246,7 +244,7 @@ def _expect(s, volts, last, left, setpoint_m, forward_V):
         numbers,
         s.sheet,
         volts,
-        last,
+        s.inverse.before,
         split,
         e.d_now,
         e.d_before,
@@ -346,6 +344,7 @@ def tick_of(
     speeds_m_s,
     setpoint_m,
     position_m,
+    control_V,
     valve_V,
     bottom_Pa,
     top_Pa,
@@ -377,13 +376,9 @@ def tick_of(
     watch_lateness(s, position_m)
     if not e.started and not _in_motion(s):
         return 0.0
-    inv.x_before[:] = inv.x
-    last = inv.before
-    volts, left = _invert(s)
-    if inv.started_now:
-        inv.x_before[:] = inv.x
-        last, inv.started_now = volts, 0
-    _expect(s, volts, last, left, setpoint_m, forward_V)
+    left = _move_on(s, valve_V)
+    volts = _invert(s)
+    _expect(s, volts, left, setpoint_m, forward_V)
     _doubt(s, s.past.ticks % HALVES)
     knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
@@ -406,16 +401,14 @@ def tick_of(
     s.linear += s.linear_step
     total = _through_backlash(inv, volts, s.numbers[PLAY]) - _damp(s, bottom_Pa, top_Pa)
     lag = s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
-    pressure = (
-        inv.x[P1]
-        if s.sheet[S_FOUR_WAY] == 0.0
-        else inv.x[P1] - settings.area_top_m2 / settings.area_bottom_m2 * inv.x[P2]
-    )
+    pressure = s.damping.expected_Pa[int(s.numbers[DELAY] / settings.tick_s)]
     own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
     own -= fed_back_V(s.loop, settings, ref.position_m[0], pressure)
     if s.damping.wanted:
         design_damping(s)
-    return s.share * (total - own) + probe
+    added = s.share * (total - own) + probe
+    s.asked_V = control_V + added
+    return added
 
 
 @compiled
