@@ -8,7 +8,7 @@ as a quadratic beside the prior (`_end_fold`), in the linearisation at the numbe
 
 from __future__ import annotations
 
-from math import exp, log, pi, sqrt, tanh
+from math import exp, log, sqrt, tanh
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from .layout import HISTORY, WAITING, WINDOWS
 from .leg import (
     COULOMB_DN,
     COULOMB_UP,
-    DELAY,
     HOLD,
     LN_BRISTLE,
     LN_REG,
@@ -64,13 +63,9 @@ KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as
 CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the noise throughout
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
 NOISE_MISFIT = 1.5  # beyond it the leg may sit in another minimum: half of KNOWN_LEG
-KNOWN_TRY = 2  # of a leg that the model knows: of the same windows, for misfits differ by little
-TRY_STAGES = (0, 2)  # from which a try begins: with all numbers as before, or with the spool's changed
-# Other minima, in turn. Of a leg that the model does not know, about what was believed before: spool, damping, backlash, in standard
-# deviations. Of one that it knows: plain control shows the valve's lag well, and badly what makes it: factor of the spool's frequency
-# and damping, share of its lag that is delay instead.
+# Other minima of a leg that the model does not know, in turn, about what was believed before: spool, damping, backlash, in standard
+# deviations
 ELSEWHERE = ((1.5, -1.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.5), (1.0, 1.0, -1.0))
-SAME_LAG = ((0.6, 0.0), (1.0, 0.5), (1.6, 0.0))
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
 WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
 # chi2 of as many numbers, four standard deviations: older windows that cost more now contradict the new ones
@@ -592,31 +587,23 @@ def _begin_again(s, numbers):
 
 @compiled
 def _begin_try(s):
-    """The fit begins near another minimum: of a leg that the model knows from its numbers, else from what was believed before. What older
-    windows said is set aside: it was said in the linearisation at this minimum."""
-    fit, known = s.fit, is_known_leg(s.fit.chi2)
+    """The fit begins near another minimum, from what was believed before. What older windows said is set aside: it was said in the
+    linearisation at this minimum."""
+    fit = s.fit
     fit.before[:] = fit.best.numbers
     fit.chi2_before[:] = fit.chi2
     fit.aside_H[:, :] = fit.folded_H
     fit.aside_g[:] = fit.folded_g
     fit.aside_cost, fit.aside = fit.folded_cost, fit.folded
     _forget_folded(fit)
-    if known:
-        times, late = SAME_LAG[fit.tries]
-        fit.proposed[:] = fit.best.numbers
-        lag = fit.proposed[ZETA] / pi * exp(-fit.proposed[LN_SPOOL])
-        fit.proposed[LN_SPOOL] += log(times / (1.0 - late))
-        fit.proposed[ZETA] *= times
-        fit.proposed[DELAY] += late * lag
-    else:
-        fit.proposed[:] = fit.mean
-        fit.proposed[LN_SPOOL] += ELSEWHERE[fit.tries][0] * fit.sd[LN_SPOOL]
-        fit.proposed[ZETA] += ELSEWHERE[fit.tries][1] * fit.sd[ZETA]
-        fit.proposed[PLAY] += ELSEWHERE[fit.tries][2] * fit.sd[PLAY]
-    for k in (LN_SPOOL, ZETA, DELAY, PLAY):
+    fit.proposed[:] = fit.mean
+    fit.proposed[LN_SPOOL] += ELSEWHERE[fit.tries][0] * fit.sd[LN_SPOOL]
+    fit.proposed[ZETA] += ELSEWHERE[fit.tries][1] * fit.sd[ZETA]
+    fit.proposed[PLAY] += ELSEWHERE[fit.tries][2] * fit.sd[PLAY]
+    for k in (LN_SPOOL, ZETA, PLAY):
         fit.proposed[k] = min(max(fit.proposed[k], fit.low[k]), fit.high[k])
     _begin_again(s, fit.proposed)
-    fit.trying, fit.stage = (KNOWN_TRY, TRY_STAGES[1]) if known else (1, TRY_STAGES[0])
+    fit.trying, fit.stage = 1, 0
     fit.tries += 1
 
 
@@ -648,16 +635,15 @@ def _settle(s):
     if fit.trying:
         _end_try(s)
         return  # to the windows that came meanwhile, before another try
-    known = is_known_leg(fit.chi2)
-    if known:
+    if is_known_leg(fit.chi2):
         fit.was_known = 1
-    elif fit.was_known and _has_changed(fit, four_way, fit.chi2):  # what it was before is another leg's
+        return
+    if fit.was_known and _has_changed(fit, four_way, fit.chi2):  # what it was before is another leg's
         fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = fit.stage = 0
         return
-    elif fit.seen > fit.tries_seen + WINDOWS:
+    if fit.seen > fit.tries_seen + WINDOWS:
         fit.tries, fit.tries_seen = 0, fit.seen
-    most = len(SAME_LAG) if known else len(ELSEWHERE)
-    if fit.count == WINDOWS and max(fit.chi2[0], fit.chi2[1]) > NOISE_MISFIT and fit.tries < most:
+    if fit.count == WINDOWS and fit.tries < len(ELSEWHERE):
         fit.settled = 0
         _begin_try(s)
 
@@ -718,7 +704,7 @@ def work(s):
         if not fit.running:
             begins = fit.settled or fit.step == 0
             folds = begins and _begin_fold(s)
-            came = begins and not folds and fit.trying != KNOWN_TRY and _take_waiting(s)
+            came = begins and not folds and _take_waiting(s)
             if fit.count < FEWEST:
                 return
             if came:
