@@ -13,7 +13,7 @@ probe              what plain control hides of the valve shows in a small motion
 
 from __future__ import annotations
 
-from math import pi, sin, sqrt
+from math import exp, pi, sin, sqrt
 
 from ..compiled import compiled
 from ..loop_feedback import fed_back_V
@@ -25,6 +25,7 @@ from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import HALVES, MOST_DELAY, QUEUE
 from .leg import (
     AMP,
+    AMP_LAG,
     COULOMB_DN,
     COULOMB_UP,
     DEAD_DN,
@@ -32,6 +33,7 @@ from .leg import (
     DELAY,
     HOLD,
     LN_BRISTLE,
+    LN_SPOOL,
     M1,
     M2,
     MASS,
@@ -47,6 +49,7 @@ from .leg import (
     SPRING,
     VISCOUS_DN,
     VISCOUS_UP,
+    ZETA,
     V,
     X,
     Y,
@@ -318,6 +321,17 @@ def _through_backlash(inv, volts, half):
 
 
 @compiled
+def _passed(s, w):
+    """Share of a sine of w [rad/s] that amplifier and spool pass, as fast as they may be: two standard deviations."""
+    e, n = s.expected, s.numbers
+    e.row[:] = 0.0
+    e.row[LN_SPOOL] = 1.0
+    q = w / (2.0 * pi * exp(n[LN_SPOOL] + 2.0 * sqrt(_variance(s, e.row))))
+    late = w * n[AMP_LAG]
+    return 1.0 / sqrt(((1.0 - q * q) ** 2 + (2.0 * n[ZETA] * q) ** 2) * (1.0 + late * late))
+
+
+@compiled
 def _probe(s):
     """Volts [V] of a small motion that shows the valve, for a leg whose doubt alone keeps the compensation out."""
     e, tick_s = s.expected, s.settings.tick_s
@@ -328,7 +342,7 @@ def _probe(s):
     total = 0.0
     for f in PROBE_HZ:
         w = 2.0 * pi * f
-        total += sin(w * s.past.ticks * tick_s) / w
+        total += sin(w * s.past.ticks * tick_s) / (w * _passed(s, w))
     return PROBE * max(sqrt(e.bump2), e.bump) / gain * total
 
 
