@@ -74,8 +74,8 @@ PERCEIVED_m_s2 = 0.015
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
-# of the bump, as acceleration of each tone: ISO 2631-1 weighs 70 Hz by 0.16, so that a twentieth of the bump is felt
-PROBE = 0.3
+# of the bump, as acceleration of each tone: ISO 2631-1 (Wk) weighs them by 0.16 and 0.06, so that a twentieth of the bump is felt
+PROBE = (0.3, 0.8)
 # from the demanded motion, from which the inverse begins anew: more than a stroke's lag changes at once; while no volts are in, more
 # than a dead band that is found anew shifts the motion
 OFF_m, OFF_OUTSIDE_m = 5e-3, 5e-4
@@ -340,10 +340,10 @@ def _probe(s):
     if abs(v) < gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN]):
         return 0.0
     total = 0.0
-    for f in PROBE_HZ:
-        w = 2.0 * pi * f
-        total += sin(w * s.past.ticks * tick_s) / (w * _passed(s, w))
-    return PROBE * max(sqrt(e.bump2), e.bump) / gain * total
+    for k in range(len(PROBE_HZ)):
+        w = 2.0 * pi * PROBE_HZ[k]
+        total += PROBE[k] * sin(w * s.past.ticks * tick_s) / (w * _passed(s, w))
+    return max(sqrt(e.bump2), e.bump) / gain * total
 
 
 @compiled
