@@ -77,7 +77,7 @@ REFERENCE = record(  # the nearest tick first
 EXPECTED = record(
     S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)), d_now=(f, (N_NUMBERS,)),
     d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), lag_m=f, w=(f, (16,)),
-    scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, plain_V=f, loop=LOOP,
+    scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, plain_V=f, loop=LOOP,
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
 )  # fmt: skip

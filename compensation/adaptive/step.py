@@ -272,8 +272,8 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     if v * e.velocity < 0.0:
         e.turned = 1
     e.acceleration, e.velocity = a, v
-    if peak and e.turned:  # the middle of a stroke: a reversal lies behind
-        if e.bump > 0.0:
+    if peak and (e.turned or not e.begun):  # the middle of a stroke: a reversal lies behind
+        if e.begun and e.bump > 0.0:  # and all of the half stroke
             k = e.halves % HALVES
             e.bumps2[k], e.lefts2[k], e.rows[k] = e.bump * e.bump, e.left * e.left, e.worst
             e.halves += 1
@@ -283,7 +283,7 @@ def _expect(s, volts, left, setpoint_m, forward_V):
                 e.bump2 += e.bumps2[k] / min(e.halves, HALVES)
                 e.left2 += e.lefts2[k] / min(e.halves, HALVES)
         e.bump = e.sigma = e.left = 0.0
-        e.turned = 0
+        e.turned, e.begun = 0, 1
 
 
 @compiled
