@@ -31,7 +31,7 @@ from .fit import (
     tick_window,
     variances,
 )  # fmt: skip
-from .layout import HALVES, HISTORY, WAITING, WINDOWS
+from .layout import HISTORY, WAITING, WINDOWS
 from .leg import (
     COULOMB_DN,
     COULOMB_UP,
@@ -219,7 +219,7 @@ def _begin_fold(s):
     """A pass over one of the windows that are about to go, at the settled numbers, for what it says of them. Returns whether there is
     one: not while the fit is in search, nor of a leg that is not the model's."""
     fit = s.fit
-    if not fit.settled or not fit.has_best or not is_known_leg(fit.chi2) or s.expected.halves == 0:
+    if not fit.settled or not fit.has_best or not is_known_leg(fit.chi2):
         return False
     while fit.to_fold < fit.waiting:
         place = fit.seen + fit.to_fold
@@ -234,77 +234,27 @@ def _begin_fold(s):
 
 @compiled
 def _end_fold(s):
-    """What a window says of the numbers is kept as a quadratic about the settled ones. A second pass says how far the quadratic holds."""
-    fit = s.fit
-    fit.running, n = 0, fit.at_window - 1
-    if fit.folding == 1:
-        _displace(s, n)
-    else:
-        _fold(s, n)
-
-
-@compiled
-def _displace(s, n):
-    """A pass over the window a standard deviation away, in the direction in which the doubt makes its bump; what the quadratic expects
-    of it."""
-    fit, trial, known, e = s.fit, s.fit.trial, s.known, s.expected
-    fit.fold_H[:, :] = trial.H
-    fit.fold_g[:] = trial.g
-    fit.fold_chi[:] = trial.chi[n]
-    fit.fold_expected = trial.cost
-    for j in range(fit.starts):
-        fit.fold_expected -= fit.b[j] * trial.kb[n, j]
-    for k in range(N_NUMBERS):
-        fit.a[k] = e.rows[(e.halves - 1) % HALVES, k] * known.sd[k]
-    forward(known.factor, N_NUMBERS, fit.a)
-    size = 1e-300
-    for k in range(N_NUMBERS):
-        size += fit.a[k] * fit.a[k]
-    backward(known.factor, N_NUMBERS, fit.a)
-    for k in range(N_NUMBERS):
-        fit.proposed[k] = min(max(trial.numbers[k] + fit.a[k] / sqrt(size) * fit.sd[k], fit.low[k]), fit.high[k])
-        fit.a[k] = (fit.proposed[k] - trial.numbers[k]) / fit.sd[k]
-    for a in range(N_NUMBERS):
-        pull = trial.H[a, a] * fit.a[a]
-        for b in range(a):
-            pull += 2.0 * trial.H[a, b] * fit.a[b]
-        fit.fold_expected += (pull - 2.0 * trial.g[a]) * fit.a[a]
-    for j in range(fit.starts):
-        step = trial.kb[n, j]
-        for k in range(N_NUMBERS):
-            step -= trial.KB[n, j, k] * fit.a[k]
-        trial.start[n, j] += step * fit.scale[N_NUMBERS + j]
-    fit.held[:] = trial.numbers
-    _start_pass(s, fit.proposed, False)
-    fit.at_window, fit.folding = n, 2
-
-
-@compiled
-def _fold(s, n):
-    """The quadratic counts as far as it holds, and with its noise as large as its misfit; what was kept before fades. What it is wrong
-    by a standard deviation away may not count as much as that deviation itself, all windows together: they err alike."""
-    fit = s.fit
-    fit.folding = 0
+    """What a window says of the numbers is kept as a quadratic about the settled ones, its noise as large as its misfit; what was kept
+    before fades."""
+    fit, trial = s.fit, s.fit.trial
+    fit.running = fit.folding = 0
+    n = fit.at_window - 1
     rows = 2.0 * WINDOW if s.sheet[S_FOUR_WAY] != 0.0 else 1.0 * WINDOW
-    weight = 1.0 / max(1.0, fit.fold_chi[0] / WINDOW, fit.fold_chi[1] / rows)
+    weight = 1.0 / max(1.0, trial.chi[n, 0] / WINDOW, trial.chi[n, 1] / rows)
     fade = exp(-(s.windows[n].first - fit.folded_until) * s.settings.tick_s / MEMORY_S) if fit.folded else 0.0
     fit.folded_until = s.windows[n].first
     fit.folded += 1
-    wrong = weight * abs(fit.trial.cost - fit.fold_expected)
-    fit.folded_wrong *= fade
-    weight /= 1.0 + wrong + fit.folded_wrong
-    fit.folded_wrong += wrong / (1.0 + wrong + fit.folded_wrong)
     for a in range(N_NUMBERS):
-        fit.a[a] = (fit.held[a] - fit.mean[a]) / fit.sd[a]
+        fit.a[a] = (trial.numbers[a] - fit.mean[a]) / fit.sd[a]
     fit.folded_cost *= fade
     for a in range(N_NUMBERS):
         pull = 0.0
         for b in range(N_NUMBERS):
-            H = fit.fold_H[a, b] if b <= a else fit.fold_H[b, a]
+            H = trial.H[a, b] if b <= a else trial.H[b, a]
             pull += H * fit.a[b]
             fit.folded_H[a, b] = fade * fit.folded_H[a, b] + weight * H
-        fit.folded_g[a] = fade * fit.folded_g[a] + weight * (fit.fold_g[a] + pull)
-        fit.folded_cost += weight * (2.0 * fit.fold_g[a] + pull) * fit.a[a]
+        fit.folded_g[a] = fade * fit.folded_g[a] + weight * (trial.g[a] + pull)
+        fit.folded_cost += weight * (2.0 * trial.g[a] + pull) * fit.a[a]
 
 
 @compiled
@@ -312,7 +262,7 @@ def _forget_folded(fit):
     """What older windows said is no longer true."""
     fit.folded_H[:, :] = 0.0
     fit.folded_g[:] = 0.0
-    fit.folded_cost = fit.folded_wrong = 0.0
+    fit.folded_cost = 0.0
     fit.folded = 0
 
 
@@ -644,7 +594,7 @@ def _begin_try(s):
     fit.chi2_before[:] = fit.chi2
     fit.aside_H[:, :] = fit.folded_H
     fit.aside_g[:] = fit.folded_g
-    fit.aside_cost, fit.aside_wrong, fit.aside = fit.folded_cost, fit.folded_wrong, fit.folded
+    fit.aside_cost, fit.aside = fit.folded_cost, fit.folded
     _forget_folded(fit)
     fit.proposed[:] = fit.mean
     fit.proposed[LN_SPOOL] += ELSEWHERE[fit.tries][0] * fit.sd[LN_SPOOL]
@@ -669,7 +619,7 @@ def _end_try(s):
     fit.chi2[:] = fit.chi2_before
     fit.folded_H[:, :] = fit.aside_H
     fit.folded_g[:] = fit.aside_g
-    fit.folded_cost, fit.folded_wrong, fit.folded = fit.aside_cost, fit.aside_wrong, fit.aside
+    fit.folded_cost, fit.folded = fit.aside_cost, fit.aside
 
 
 @compiled
