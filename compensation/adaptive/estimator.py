@@ -186,7 +186,7 @@ def collect(s):
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
         window.volts[j] = past.volts[(at - LEAD + j) & m]
-    window.first = at
+    window.first, window.tells = at, 0
     window.measured[:] = 0.0
     for j in range(9):
         window.measured[0] += START_Y_ROW[j] * window.position_m[j]
@@ -501,9 +501,7 @@ def _keep_known(s):
     known.factor[:, :] = fit.L
     known.numbers[:] = best.numbers
     known.sd[:] = fit.sd
-    four_way = s.sheet[S_FOUR_WAY] != 0.0
-    _misfit(fit, four_way, known.chi2)
-    known.changed = 1 if _has_changed(fit, four_way, known.chi2) else 0
+    _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, known.chi2)
     known.valid = 1
     if s.platform:
         _keep_alone(fit, known)
@@ -511,7 +509,7 @@ def _keep_known(s):
 
 @compiled
 def _keep_alone(fit, known):
-    """What is known without the other legs: nobody is told what it has told."""
+    """What is known without the other legs, within the bounds: nobody is told what it has told."""
     for a in range(N_NUMBERS):
         for b in range(a + 1):
             fit.L[a, b] = fit.best.H[a, b]
@@ -519,12 +517,13 @@ def _keep_alone(fit, known):
     if not cholesky(fit.L, N_NUMBERS):
         return
     for a in range(N_NUMBERS):
-        fit.a[a] = fit.told_weight[a] * ((known.numbers[a] - fit.mean[a]) / fit.sd[a] - fit.told[a])
+        fit.a[a] = fit.best.g[a] + fit.told_weight[a] * ((known.numbers[a] - fit.mean[a]) / fit.sd[a] - fit.told[a])
     forward(fit.L, N_NUMBERS, fit.a)
     backward(fit.L, N_NUMBERS, fit.a)
     spread = max(1.0, known.chi2[0], known.chi2[1])
     for k in range(N_NUMBERS):
-        known.alone[k] = (known.numbers[k] - fit.mean[k]) / fit.sd[k] + fit.a[k]
+        alone = min(max(known.numbers[k] + fit.a[k] * fit.sd[k], fit.low[k]), fit.high[k])
+        known.alone[k] = (alone - fit.mean[k]) / fit.sd[k]
     variances(fit.L, spread, known.alone_variance, fit.a)
 
 
@@ -635,10 +634,12 @@ def _settle(s):
     if fit.trying:
         _end_try(s)
         return  # to the windows that came meanwhile, before another try
+    _keep_known(s)
+    s.known.changed = 1 if _has_changed(fit, four_way, fit.chi2) else 0
     if is_known_leg(fit.chi2):
         fit.was_known = 1
         return
-    if fit.was_known and _has_changed(fit, four_way, fit.chi2):  # what it was before is another leg's
+    if fit.was_known and s.known.changed:  # what it was before is another leg's
         fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = fit.stage = 0
         return
     if fit.seen > fit.tries_seen + WINDOWS:
@@ -666,9 +667,12 @@ def _end_pass(s):
         for n in range(fit.count):
             s.windows[n].start[:] = trial.start[n]
             s.windows[n].chi[:] = trial.chi[n]
-            s.windows[n].friction_N[:] = trial.friction_N[n]
+            if fit.stage == len(HEATS) - 1 and not fit.trying:
+                s.windows[n].friction_N[:], s.windows[n].tells = trial.friction_N[n], 1
         if fit.stage == len(HEATS) - 1 and not fresh and not fit.trying:
-            _keep_known(s)
+            _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, fit.chi2)
+            if is_known_leg(fit.chi2):  # otherwise not before it has settled
+                _keep_known(s)
     else:
         fit.damping = max(8.0 * fit.damping, 1e-3)
         done = done or fit.damping > 1e3
@@ -749,7 +753,7 @@ def hear_windows(s, other):
     for w in range(s.fit.count):
         for u in range(other.fit.count):
             window, its = s.windows[w], other.windows[u]
-            shift = window.first - its.first
+            shift = window.first - its.first if its.tells else WINDOW
             for k in range(max(0, -shift), min(WINDOW, WINDOW - shift)):
                 window.others_N[k, i] = its.friction_N[k + shift]
                 window.fitted[k, i] = 1
