@@ -337,13 +337,14 @@ def _probe(s):
     e, tick_s = s.expected, s.settings.tick_s
     up, down = gains(s)
     v, gain = s.reference.velocity_m_s[0], 0.5 * (up + down)
-    if abs(v) < gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN]):
+    slow = gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN])
+    if abs(v) < slow:
         return 0.0
-    total = 0.0
+    total, open_edge = 0.0, min(abs(v) / slow - 1.0, 1.0)  # tones fade: what begins at once the spool answers in the felt band
     for k in range(len(PROBE_HZ)):
         w = 2.0 * pi * PROBE_HZ[k]
         total += PROBE[k] * sin(w * s.past.ticks * tick_s) / (w * _passed(s, w))
-    return max(sqrt(e.bump2), e.bump) / gain * total
+    return max(sqrt(e.bump2), e.bump) / gain * open_edge * open_edge * (3.0 - 2.0 * open_edge) * total
 
 
 @compiled
