@@ -68,7 +68,9 @@ class Repetitive(Adaptive):
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         volts, _ = super().step(state, sample)
-        return volts + self._correction_V(state, sample), state
+        correction_V = self._correction_V(state, sample)
+        state.states["asked_V"] += correction_V
+        return volts + correction_V, state
 
     def _correction_V(self, state: AdaptiveState, sample: Sample) -> float:
         if not isinstance(state, RepetitiveState) or state.ticks == 0:

@@ -76,9 +76,11 @@ SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether
 PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
 # of the bump, as acceleration of each tone: ISO 2631-1 (Wk) weighs them by 0.16 and 0.06, so that a twentieth of the bump is felt
 PROBE = (0.3, 0.8)
+LEAST_PASSED = 1.0 / 3.0  # of a tone: if the valve is a fast one after all, a seventh of the bump is felt
 # from the demanded motion, from which the inverse begins anew: more than a stroke's lag changes at once; while no volts are in, more
 # than a dead band that is found anew shifts the motion
 OFF_m, OFF_OUTSIDE_m = 5e-3, 5e-4
+COARSEST = 1.0 / 256.0  # of the range to one side: half a count of a converter of 8 bits
 QUIET_TICKS = 20  # for which no leg may object
 
 
@@ -159,12 +161,13 @@ def _invert(s):
 
 @compiled
 def _move_on(s, valve_V):
-    """The window moves on over the tick that has passed, under what was sent: converter, range and guard may have made other volts of
-    those that were asked for. Returns what acceleration was left, in the low pass [m/s2]."""
+    """The window moves on over the tick that has passed, under what was sent: a converter rounds what was asked for. What is further off
+    is a limit or a fault, which more volts would not mend. Returns what acceleration was left, in the low pass [m/s2]."""
     inv = s.inverse
     if not inv.running:
         return 0.0
-    sent = inv.U[0] + valve_V - s.asked_V
+    off = valve_V - s.asked_V
+    sent = inv.U[0] + (off if abs(off) <= COARSEST * s.settings.voltage_max_V else 0.0)
     left = keep_first(
         inv.x, inv.U, sent, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, s.past.supply_mean_Pa, inv.extra, inv.S, inv.w
     )  # fmt: skip
@@ -323,12 +326,12 @@ def _through_backlash(inv, volts, half):
 @compiled
 def _passed(s, w):
     """Share of a sine of w [rad/s] that amplifier and spool pass, as fast as they may be: two standard deviations."""
-    e, n = s.expected, s.numbers
+    e, n = s.expected, s.known.numbers
     e.row[:] = 0.0
     e.row[LN_SPOOL] = 1.0
     q = w / (2.0 * pi * exp(n[LN_SPOOL] + 2.0 * sqrt(_variance(s, e.row))))
     late = w * n[AMP_LAG]
-    return 1.0 / sqrt(((1.0 - q * q) ** 2 + (2.0 * n[ZETA] * q) ** 2) * (1.0 + late * late))
+    return max(1.0 / sqrt(((1.0 - q * q) ** 2 + (2.0 * n[ZETA] * q) ** 2) * (1.0 + late * late)), LEAST_PASSED)
 
 
 @compiled
@@ -344,7 +347,9 @@ def _probe(s):
     for k in range(len(PROBE_HZ)):
         w = 2.0 * pi * PROBE_HZ[k]
         total += PROBE[k] * sin(w * s.past.ticks * tick_s) / (w * _passed(s, w))
-    return max(sqrt(e.bump2), e.bump) / gain * open_edge * open_edge * (3.0 - 2.0 * open_edge) * total
+    most = 2.0 * COARSEST * s.settings.voltage_max_V
+    volts = sqrt(e.bump2) / gain * open_edge * open_edge * (3.0 - 2.0 * open_edge) * total
+    return min(max(volts, -most), most)
 
 
 @compiled
