@@ -17,7 +17,7 @@ from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.identification import bump, host, identify, plan, rounds
 from hexsim.identification.bump import taken_apart, worst
-from hexsim.identification.host import LOCKED_SHARE, Host, LATE_LIVE_s, LATE_s, check_clock
+from hexsim.identification.host import LOCKED_SHARE, Host, LATE_s, check_clock
 from hexsim.identification.link import Link
 from hexsim.identification.picture import errors_by_kind
 from hexsim.identification.record import Round, Story
@@ -116,9 +116,9 @@ def test_in_real_time_the_ends_of_a_motion_are_known_less_well():
     time; a clock 1 % off is still refused in a motion of 20 s."""
     with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
         check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, LATE_s)
-    check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, LATE_LIVE_s)
+    check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, 0.1)
     with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
-        check_clock("the telemetry's clock", 20.2, 20.0, LOCKED_SHARE, LATE_LIVE_s)
+        check_clock("the telemetry's clock", 20.2, 20.0, LOCKED_SHARE, 0.1)
 
 
 LONG = AskedCompensator(

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from hexsim.simulation.stream import Stream
     from hexsim.web.machine_page import MachinePage
 
-FRAME_S = 1.0 / 60.0
-LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
-CLOSING_S = 5.0
 KEYS = "space pause   Enter 100 kg for 1 s   Backspace start again   ctrl + right mouse push   sliders: panel Control"
 SPACE, ENTER, BACKSPACE = 32, 257, 259  # GLFW's numbers
 
@@ -142,7 +139,14 @@ def warn(sentences: Sequence[str]) -> None:
         typer.echo(f"warning: {text}", err=True)
 
 
-def show(machine: LiveMachine, seconds: float | None = None) -> None:
+def show(
+    machine: LiveMachine,
+    seconds: float | None = None,
+    *,
+    frame_s: float = 1.0 / 60.0,
+    longest_s: float = 0.1,  # a computer that is slower than real time shows slow motion instead of standing still
+    closing_s: float = 5.0,
+) -> None:
     """Run the viewer until its window is closed, or for `seconds`."""
     from mujoco.viewer import launch_passive
 
@@ -159,7 +163,7 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
             viewer.is_running() and not stop.is_set() and (seconds is None or time.perf_counter() - started < seconds)
         ):
             now = time.perf_counter()
-            due, last = min(now - last, LONGEST_CATCH_UP_S), now
+            due, last = min(now - last, longest_s), now
             with viewer.lock():
                 while not pressed.empty():
                     press(machine, pressed.get())
@@ -169,11 +173,11 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
             took = time.perf_counter() - now
             viewer.set_texts((None, TOP_LEFT, *overlay(machine, due, took)))
             viewer.sync()
-            time.sleep(max(0.0, FRAME_S - (time.perf_counter() - now)))
+            time.sleep(max(0.0, frame_s - (time.perf_counter() - now)))
     machine.cavitation.end()
     warn(machine.cavitation.unsaid())
     for thread in set(threading.enumerate()) - before:  # the window's own: it must be gone before Python ends
-        thread.join(timeout=CLOSING_S)
+        thread.join(timeout=closing_s)
 
 
 def check_screen() -> None:

@@ -18,7 +18,6 @@ from hexsim.cli.errors import say
 from hexsim.errors import HexsimError, shortened
 
 CONNECT_TIMEOUT_S = 10
-PATIENCE_S = 60.0  # a nanny begins a new worker within seconds
 
 
 def register(app: typer.Typer) -> None:
@@ -129,7 +128,12 @@ def parse_seeds(text: str) -> Sequence[int]:
 
 
 @contextmanager
-def executor_of(scheduler: str | None, workers: int | None) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
+def executor_of(
+    scheduler: str | None,
+    workers: int | None,
+    *,
+    patience_s: float = 60.0,  # a nanny begins a new worker within seconds
+) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
     """Processes here, or a Dask cluster; how many workers there are; what raises HexsimError once none is left."""
     if scheduler is None:
         from hexsim.studies.workers import Workers
@@ -163,7 +167,7 @@ def executor_of(scheduler: str | None, workers: int | None) -> Iterator[tuple[Ex
                 gone.clear()
                 return
             gone.append(time.monotonic())
-            if gone[-1] - gone[0] > PATIENCE_S:
+            if gone[-1] - gone[0] > patience_s:
                 raise HexsimError(
                     f"no worker is left at {scheduler}; finished rows are kept: start workers with `dask worker {scheduler}` "
                     "and run the same command again to go on"

@@ -41,8 +41,6 @@ from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.states import ROW, A
 
-DELAYED_COMMANDS = 1024  # that an instance remembers where a valve is late
-COMMUNICATION_STEP_S = 0.002  # proposed to the tool
 TAKES = {
     "plant": "Valve volts in, motion and pressures out",
     "machine": "Setpoints in, motion, pressures and valve volts out: the motion computer with its controllers and compensator inside",
@@ -50,9 +48,17 @@ TAKES = {
 
 
 def export_fmu(
-    machine: Machine, out: Path, *, model: ModelKind = "full", timestep: float | None = None, fmi: Literal[2, 3] = 2,
-    windows: bytes | None = None, what: Literal["plant", "machine"] = "plant", compensator: str = COMPENSATOR,
-) -> Variables:  # fmt: skip
+    machine: Machine,
+    out: Path,
+    *,
+    model: ModelKind = "full",
+    timestep: float | None = None,
+    fmi: Literal[2, 3] = 2,
+    windows: bytes | None = None,
+    what: Literal["plant", "machine"] = "plant",
+    compensator: str = COMPENSATOR,
+    step_s: float = 0.002,  # proposed to the tool
+) -> Variables:
     """Write `machine` as an FMU; return its variables. what: the plant alone, or with the motion computer's controllers and
     compensator.
 
@@ -90,7 +96,7 @@ def export_fmu(
             name=machine.name,
             identifier=identifier,
             guid=digest,
-            step_s=COMMUNICATION_STEP_S,
+            step_s=step_s,
             fmi=fmi,
             description=TAKES[what],
         )
@@ -121,7 +127,15 @@ def _write(out: Path, contents: dict[str, bytes]) -> None:
             archive.writestr(name, content)
 
 
-def machine_header(plant: Plant, variables: Variables, what: str, compensator: str, missing: list[str]) -> str:
+def machine_header(
+    plant: Plant,
+    variables: Variables,
+    what: str,
+    compensator: str,
+    missing: list[str],
+    *,
+    n_delayed: int = 1024,  # that an instance remembers where a valve is late
+) -> str:
     """machine.h: what the C source must know of this machine. missing: functions of numba's error paths."""
     delay, supply, rule = plant.rows[:, P.VALVE_DELAY], plant.resolved.supply, plant.step_rule()
     along = np.take(plant.kinematics.jacobian(np.zeros(6)), plant.kinematics.dof_places, axis=1)
@@ -132,7 +146,7 @@ def machine_header(plant: Plant, variables: Variables, what: str, compensator: s
     settings = [settings_of(compensator, context) for context in contexts]
     numbers = _places(plant, variables) | {
         "IS_MACHINE": int(what == "machine"), "TICK": 1.0 / plant.machine.controller.rate_Hz, "N_MEMORY": N_MEMORY,
-        "N_INPUTS": len(variables.inputs), "RING": DELAYED_COMMANDS if delay.any() else 2,
+        "N_INPUTS": len(variables.inputs), "RING": n_delayed if delay.any() else 2,
         "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
         "COMPENSATOR_SIZE": made.size if what == "machine" else 1, "N_SETTINGS": len(settings[0]),
         "N_SEEN": seen, "TELLS": TELLS,

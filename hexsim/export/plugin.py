@@ -36,10 +36,6 @@ from hexsim.plant.states import LEG, A
 NAME = "hexsim.leg"
 TABLES = {"learned_curve": (LEARNED_TABLE, FLOW_TABLE), "flow_curve": (FLOW_TABLE, N_PARAMETERS)}  # attribute -> places
 OF_THE_COMPUTER = ("HYSTERESIS", "VALVE_DELAY")  # numbers that act from tick to tick, outside MuJoCo
-EXACT = 17  # digits that give a double back
-# of the differences that Newton's method takes: small beside a valve's null region (0.1 V, 10 um) and the supply
-VOLT_STEP, SPOOL_STEP_m, STEP_MPa = 1e-4, 1e-8, 1e-4
-NEWTON = 12  # steps; each squares the error
 
 
 def attributes() -> dict[str, tuple[int, int]]:
@@ -135,14 +131,23 @@ def hold_home(plant: Plant) -> None:
     home.act, home.ctrl = data.act, data.ctrl
 
 
-def hold_leg(plant: Plant, i: int) -> None:
+def hold_leg(
+    plant: Plant,
+    i: int,
+    *,
+    # of the differences that Newton's method takes: small beside a valve's null region (0.1 V, 10 um) and the supply
+    volt_step_V: float = 1e-4,
+    spool_step_m: float = 1e-8,
+    step_MPa: float = 1e-4,
+    newton_steps: int = 12,  # steps; each squares the error
+) -> None:
     """Unknown are volts, spool (where it lags) and both pressures; known are the force that holds the load and rates of zero:
     Newton's method from the equilibrium of forces. Legs at rest in one pose do not depend on each other."""
     data, places = plant.data, plant.layout[i]
     spool = [int(places[A.SPOOL])] if places[A.SPOOL] >= 0 else []
     chambers = [int(places[A.ROD_SIDE]), int(places[A.PRESSURE])]
     states, rates = spool + chambers, [place + 1 for place in spool] + chambers  # the spool's velocity stands behind it
-    steps = np.array([VOLT_STEP, *[SPOOL_STEP_m] * len(spool), *[STEP_MPa] * 2])
+    steps = np.array([volt_step_V, *[spool_step_m] * len(spool), *[step_MPa] * 2])
     force = float(data.actuator_force[i])
 
     def residual(z: np.ndarray) -> np.ndarray:
@@ -151,7 +156,7 @@ def hold_leg(plant: Plant, i: int) -> None:
         return np.array([data.actuator_force[i] - force, *data.act_dot[rates]])
 
     z = np.array([data.ctrl[i], *data.act[states]])
-    for _ in range(NEWTON):
+    for _ in range(newton_steps):
         off = residual(z)
         slopes = np.column_stack([residual(z + step) - off for step in np.diag(steps)])
         z = z - steps * np.linalg.lstsq(slopes, off, rcond=None)[0]
@@ -169,7 +174,10 @@ def numbers_of(row: np.ndarray) -> dict[str, str]:
 
 
 @contextmanager
-def exact_numbers() -> Iterator[None]:
+def exact_numbers(
+    *,
+    digits: int = 17,  # digits that give a double back
+) -> Iterator[None]:
     """MuJoCo's writer of XML with all digits in place of six, which would move joints by micrometres."""
     mj = ctypes.CDLL(mujoco._functions.__file__)
     try:
@@ -177,7 +185,7 @@ def exact_numbers() -> Iterator[None]:
     except AttributeError:
         raise HexsimError("this MuJoCo writes XML with six digits alone: install mujoco 4.0.x") from None
     before = get()
-    set_to(EXACT)
+    set_to(digits)
     try:
         yield
     finally:

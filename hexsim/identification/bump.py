@@ -34,8 +34,6 @@ Array = NDArray[np.float64]
 ALGORITHM = "adaptive"
 FADE_s = 2.0  # to full size: short, so that the first reversal is one that is compensated
 PERIODS = 5  # at full size
-LEARNING_s = 60.0  # of a bench's twin
-LEARNING_PLATFORM_s = 30.0  # of a platform's, which costs more
 UNCHANGED = 0.9  # of the bump: what is left where plain control has acted
 LOGS = ("heave_plain", "heave_compensated")
 
@@ -99,9 +97,15 @@ def measured_heave(machine: Machine) -> dict[str, Any]:
     return heave(machine, PERIODS / FREQUENCY_Hz + FADE_s)
 
 
-def start_parameters(twin: Machine, show: Callable[[float], None] = lambda share: None) -> list[Parameters]:
+def start_parameters(
+    twin: Machine,
+    show: Callable[[float], None] = lambda share: None,
+    *,
+    bench_s: float = 60.0,  # of a bench's twin
+    platform_s: float = 30.0,  # of a platform's, which costs more
+) -> list[Parameters]:
     """What the compensator learns of each leg of a simulated machine in heave."""
-    duration_s = LEARNING_PLATFORM_s if twin.is_hexapod else LEARNING_s
+    duration_s = platform_s if twin.is_hexapod else bench_s
     return simulate_twin(twin, scenario_from_dict(heave(twin, duration_s)), ALGORITHM, show).compensator_parameters
 
 

@@ -21,7 +21,6 @@ from hexsim.smoothness.threshold import PERCEPTION_m_s2
 from hexsim.tracing.report.budget import STEP_COLOURS, worst_of_kinds
 from hexsim.tracing.report.signals import SCALE
 
-FLOOR = 0.5  # of the error axis, in multiples of the noise
 QUANTITIES = {  # of a leg: its unit for people, and how many of it are one of SI
     "excursion": ("mm", 1e3), "velocity": ("mm/s", 1e3), "acceleration": ("m/s²", 1.0), "jerk": ("m/s³", 1.0),
 }  # fmt: skip
@@ -40,7 +39,12 @@ def story_figure(headline: str, budget: list[dict[str, Any]], bump: Bump | None)
     return figure
 
 
-def draw_budget(plot: Axes, budget: list[dict[str, Any]]) -> None:
+def draw_budget(
+    plot: Axes,
+    budget: list[dict[str, Any]],
+    *,
+    noise_floor: float = 0.5,  # of the error axis, in multiples of the noise
+) -> None:
     """A group of bars a kind of signal, a bar a step, in multiples of the sensor's noise."""
     shown = worst_of_kinds(budget)
     steps = list(dict.fromkeys(row["step"] for row in budget))
@@ -55,10 +59,10 @@ def draw_budget(plot: Axes, budget: list[dict[str, Any]]) -> None:
         x = np.arange(len(shown)) + (k - 0.5 * (len(steps) - 1)) * width
         colour = STEP_COLOURS[k] if k < 3 else palette.RUNS[2 + (k - 3) % 4]
         heights = np.maximum(np.nan_to_num(np.array(sizes, dtype=float), nan=1e-3), 1e-3)
-        bars = plot.bar(x, heights - FLOOR, 0.92 * width, bottom=FLOOR, color=colour, label=step)
+        bars = plot.bar(x, heights - noise_floor, 0.92 * width, bottom=noise_floor, color=colour, label=step)
         plot.bar_label(bars, [plain(size) if size else "" for size in sizes], fontsize=8, padding=2)
     plot.set_yscale("log")
-    plot.set_ylim(FLOOR, 4.0 * plot.get_ylim()[1])
+    plot.set_ylim(noise_floor, 4.0 * plot.get_ylim()[1])
     plain_powers(plot)
     plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
     plot.annotate("noise", (1.0, 1.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",

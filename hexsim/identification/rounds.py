@@ -42,10 +42,7 @@ from hexsim.tracing.trace import trace
 
 Array = NDArray[np.float64]
 Show = Callable[[str, float], None]
-SLOWEST_LOOP_s = 0.3  # by which a leg may follow later
-ROUNDS = 6  # at most
 LOWERING = "lowering the machine"
-GUIDED_s = 12.0  # machine time of a round besides its motion: to neutral and back
 
 
 def identify(
@@ -156,7 +153,17 @@ def _keep_broken_off(host: Host, machine: Machine, out: Path) -> None:
             write_log(log_of(host.measured, machine), out / "logs" / "broken_off.parquet")
 
 
-def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: Show, largest: float) -> None:
+def _rounds(
+    host: Host,
+    machine: Machine,
+    budget_s: float,
+    story: Story,
+    tell: Show,
+    largest: float,
+    *,
+    most_rounds: int = 6,  # at most
+    guided_s: float = 12.0,  # machine time of a round besides its motion: to neutral and back
+) -> None:
     before_s, plan = story.machine_s, planned(machine, largest)
     _to_neutral(host)
     measure = partial(_measure, host, machine, story.folder, tell, largest)
@@ -169,11 +176,11 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
         _keep(story, before_s + host.time_s)
     rows, purpose, expected = plan["round_1"], "a rich motion, to begin with", {}
     fit: list[Path] = []
-    for number in range(1, ROUNDS + 1):
+    for number in range(1, most_rounds + 1):
         name = logs / f"round_{number}.parquet"
         if not name.exists():
             used_s = before_s + host.time_s
-            if used_s + MOTION_s + GUIDED_s > budget_s:
+            if used_s + MOTION_s + guided_s > budget_s:
                 story.ended = f"the time is used: {used_s:.0f} of {budget_s:.0f} s"
                 return
             write_log(measure(name.stem, rows, f"round {number}: measuring"), name)
@@ -197,7 +204,7 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
             story.ended = f"no motion inside the machine's limits tells more: {why}"
             return
         rows, purpose, expected = setpoints_of(machine, design.tables), design.purpose, design.to_json()
-    story.ended = f"{ROUNDS} rounds are done; still open: {'; '.join(open_points(result))}"
+    story.ended = f"{most_rounds} rounds are done; still open: {'; '.join(open_points(result))}"
 
 
 def _keep(story: Story, used_s: float) -> None:
@@ -215,11 +222,15 @@ def _measure(
     return host.drive(rows, lambda share: tell(doing, share))
 
 
-def check_careful(log: Any) -> None:
+def check_careful(
+    log: Any,
+    *,
+    slowest_s: float = 0.3,  # by which a leg may follow later
+) -> None:
     """The small motion: the machine that answers moves the way it is told."""
     for name in [name for name in log.columns if name.startswith("position")]:
         told, done = log[name.replace("position", "setpoint")].to_numpy(), log[name].to_numpy()
-        late = [round(shift * len(log) / SMALL_s) for shift in np.arange(0.0, SLOWEST_LOOP_s, 0.02)]
+        late = [round(shift * len(log) / SMALL_s) for shift in np.arange(0.0, slowest_s, 0.02)]
         if np.ptp(done) == 0.0 or max(np.corrcoef(told[: len(told) - k], done[k:])[0, 1] for k in late) < 0.5:
             raise HexsimError(
                 f"{name} does not follow its setpoint in a small motion: check wiring and signs before going on"

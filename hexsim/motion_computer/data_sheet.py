@@ -16,11 +16,15 @@ from hexsim.motion_computer.leg_load import ExpectedLoad
 READING = (
     4.0  # standard deviations of a reading: what the loop itself makes volts of on a valve without overlap and friction
 )
-LEAST_m = 1e-7  # [m] of an ideal transducer
 
 
 def compensator_context(
-    machine: Machine, period_s: float | None, leg: int = 1, load: ExpectedLoad | None = None
+    machine: Machine,
+    period_s: float | None,
+    leg: int = 1,
+    load: ExpectedLoad | None = None,
+    *,
+    least_m: float = 1e-7,  # [m] of an ideal transducer
 ) -> Context:
     """Of a leg, from 1; load: of a platform.
 
@@ -51,7 +55,7 @@ def compensator_context(
         spool_damping=damping,
         spool_frequency_Hz=omega_1_s / (2.0 * math.pi),
         stribeck_velocity_m_s=own.friction.stribeck_velocity_m_s,
-        edge_V=max(most_V, own.controller.gain_V_per_m * (READING * noise_m + LEAST_m)),
+        edge_V=max(most_V, own.controller.gain_V_per_m * (READING * noise_m + least_m)),
         velocity_gain_m_s_V=gain,
         velocity_gain_V_s_per_m=own.controller.velocity_gain_V_s_per_m,
         velocity_filter_Hz=own.controller.velocity_filter_Hz,

@@ -22,14 +22,27 @@ from hexsim.declaration import Machine
 from hexsim.motion_computer.errors import Error, Finding
 
 Array = NDArray[np.float64]
-OK, LOST, OUT_OF_RANGE, JUMP, FROZEN, LEG_ERROR, LEG_PRESSURE = range(7)
+
+
+class Reading(IntEnum):
+    """What a tick finds wrong with a leg."""
+
+    OK = 0
+    LOST = 1
+    OUT_OF_RANGE = 2
+    JUMP = 3
+    FROZEN = 4
+    LEG_ERROR = 5
+    LEG_PRESSURE = 6
+
+
 LEG_FINDINGS = {
-    LOST: (Error.SENSOR, "leg {leg}: position signal lost"),
-    OUT_OF_RANGE: (Error.SENSOR, "leg {leg}: position outside the stroke"),
-    JUMP: (Error.SENSOR, "leg {leg}: position jumps"),
-    FROZEN: (Error.SENSOR, "leg {leg}: position stands still while the leg is driven"),
-    LEG_ERROR: (Error.LEG_ERROR, "leg {leg} does not follow its setpoint"),
-    LEG_PRESSURE: (Error.PRESSURE_LOW, "leg {leg}: bottom pressure lost"),
+    Reading.LOST: (Error.SENSOR, "leg {leg}: position signal lost"),
+    Reading.OUT_OF_RANGE: (Error.SENSOR, "leg {leg}: position outside the stroke"),
+    Reading.JUMP: (Error.SENSOR, "leg {leg}: position jumps"),
+    Reading.FROZEN: (Error.SENSOR, "leg {leg}: position stands still while the leg is driven"),
+    Reading.LEG_ERROR: (Error.LEG_ERROR, "leg {leg} does not follow its setpoint"),
+    Reading.LEG_PRESSURE: (Error.PRESSURE_LOW, "leg {leg}: bottom pressure lost"),
 }
 
 
@@ -115,18 +128,18 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
             counts[Count.PRESSURE, i] + 1 if pressures[i] < p.leg_pressure and measured[i] > p.clear_of_stops[i] else 0
         )
         if counts[Count.PRESSURE, i] >= p.leg_pressure_ticks:
-            codes[i] = LEG_PRESSURE
+            codes[i] = Reading.LEG_PRESSURE
         if not usable[i]:
             continue
         reading = measured[i]
-        bad = OK
+        bad = Reading.OK
         if not np.isfinite(reading):
-            bad = LOST
+            bad = Reading.LOST
         elif reading < -p.range or reading > p.stroke[i] + p.range:
-            bad = OUT_OF_RANGE
+            bad = Reading.OUT_OF_RANGE
         elif abs(reading - last[i]) > p.tick_s * (p.jump + counts[Count.BAD, i] * abs(speed)):
-            bad = JUMP
-        if bad != OK:
+            bad = Reading.JUMP
+        if bad != Reading.OK:
             counts[Count.BAD, i] += 1
             if counts[Count.BAD, i] >= p.bad_readings:
                 codes[i] = bad
@@ -136,7 +149,7 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
         counts[Count.EQUAL, i] = counts[Count.EQUAL, i] + 1 if reading == last[i] and driven else 0
         last[i] = reading
         if counts[Count.EQUAL, i] >= p.frozen_ticks:
-            codes[i] = FROZEN
+            codes[i] = Reading.FROZEN
         beyond = max(min(model[i], setpoint[i]) - reading, reading - max(model[i], setpoint[i]))
         counts[Count.LEG_ERROR, i] = (
             counts[Count.LEG_ERROR, i] + 1
@@ -144,7 +157,7 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
             else 0
         )
         if counts[Count.LEG_ERROR, i] >= p.leg_error_ticks:
-            codes[i] = LEG_ERROR
+            codes[i] = Reading.LEG_ERROR
     return codes
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -26,7 +27,17 @@ from hexsim.own.formulas import TINY, Expr
 from hexsim.own.model import BEFORE, Model
 
 Array = np.ndarray
-RATES, AFTER, OUTPUTS, STARTS = range(4)
+
+
+class What(IntEnum):
+    """Which of a model's vectors its function is asked for."""
+
+    RATES = 0
+    AFTER = 1
+    OUTPUTS = 2
+    STARTS = 3
+
+
 VECTOR = types.Array(types.float64, 1, "C")
 Value = Any  # of llvmlite
 DOUBLE, WORD = ir.DoubleType(), ir.IntType(64)

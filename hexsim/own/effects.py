@@ -24,7 +24,6 @@ from hexsim.own.formulas import expression, names_of, tree_of
 
 Array = np.ndarray
 Tables = TypeVar("Tables", bound=ModelTables)
-BEGIN = 0.1  # of an amplitude's scale: where a search begins
 FORMULAS = ("adds", "elsewhere", "forwards", "backwards", "becomes", "storage")
 
 
@@ -74,9 +73,9 @@ class Candidate:
 
     @property
     def begin(self) -> dict[str, float]:
-        """Where a search with it begins: amplitudes a little off 0 on their side."""
+        """Where a search with it begins: amplitudes a tenth of their scale off 0, on their side."""
         tables = {name: self.numbers[name] for name in self.amplitude}
-        return {name: BEGIN * (table.scale or 1.0) * (table.sign or 1) for name, table in tables.items()}
+        return {name: 0.1 * (table.scale or 1.0) * (table.sign or 1) for name, table in tables.items()}
 
     @property
     def shapes(self) -> Array:

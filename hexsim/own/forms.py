@@ -18,13 +18,10 @@ from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTa
 from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of
 
 STANDARD = (0.5, 1.0, 1.5, 2.0, 3.0)  # exponents of laws: roots, areas, weirs and contacts, kinetic pressure, cubes
-HALF_WAVES = 25  # over the range of a signal, of the finest sine that is tried
 KNEES = (-0.6, -0.3, 0.0, 0.3, 0.6)  # of half the range: starts of a knee
 WIDTHS = (0.05, 0.2, 0.6)  # of half the range: starts of tanh's width
 EXPONENTS = (0.7, 1.3, 1.7, 2.5)  # starts of a fitted exponent
-FIRST_LATE = 2.0  # samples: shortest time constant by which a memory is looked for; the longest is a tenth of a run
 PLAYS = (0.1, 0.25, 0.5, 1.0, 1.5)  # widths, of half the range of a place; 2 would never be filled
-LATER = 3.0  # from one time constant to the next: a lag between two differs from one of them by 0.27 at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +77,12 @@ def side_of(s: Signal) -> Iterator[Factor]:
         yield Factor(kind=f"sign({s.name})", text=f"sign({s.name})", size=1.0)
 
 
-def sines(s: Signal) -> Iterator[Factor]:
-    for k in range(1, HALF_WAVES + 1):
+def sines(
+    s: Signal,
+    *,
+    half_waves: int = 25,  # over the range of a signal, of the finest sine that is tried
+) -> Iterator[Factor]:
+    for k in range(1, half_waves + 1):
         wave = EffectNumber(start=0.5 * math.pi * k / s.half, low=0.0, scale=0.05 / s.half, unit=f"rad/{s.unit}")
         yield Factor(
             kind=f"sin(k * {s.name})", text=f"sin(form_wave * {s.name})", twin=f"cos(form_wave * {s.name})", size=0.7,
@@ -254,7 +255,13 @@ def signal_of(tables: ModelTables, name: str, sizes: Sizes, what: str) -> Signal
 
 
 def memories(
-    tables: ModelTables, effect: Candidate, fitted: Mapping[str, float], sizes: Callable[[str, str], Sizes]
+    tables: ModelTables,
+    effect: Candidate,
+    fitted: Mapping[str, float],
+    sizes: Callable[[str, str], Sizes],
+    *,
+    first_samples: float = 2.0,  # samples: shortest time constant by which a memory is looked for; the longest is a tenth of a run
+    later_ratio: float = 3.0,  # from one time constant to the next: a lag between two differs from one of them by 0.27 at most
 ) -> list[list[Candidate]]:
     """What follows the effect or a signal of its sum late, damps by what was, or plays over the place: each with every time constant or
     width. A force that remembers is in none of its signals."""
@@ -270,8 +277,8 @@ def memories(
     if text is not None and effect.memory is None and effect.curve is None:
         values = {name: f"({float(fitted[name])!r})" for name in effect.numbers}
         asked.append((effect.name, with_values(text, values), "{memory}", 1.0 / own.S))
-    count = max(int(math.log(0.1 * own.D / (FIRST_LATE * own.T)) / math.log(LATER)), 0) + 1
-    late = [{"kind": "lag", "time_s": FIRST_LATE * own.T * LATER**k} for k in range(count)]
+    count = max(int(math.log(0.1 * own.D / (first_samples * own.T)) / math.log(later_ratio)), 0) + 1
+    late = [{"kind": "lag", "time_s": first_samples * own.T * later_ratio**k} for k in range(count)]
     kinds = [(name, adds, scale, [{"of": of, **one} for one in late]) for name, of, adds, scale in asked]
     if at is not None:
         plays = [{"kind": "backlash", "of": at, "width": width * own.P} for width in PLAYS]

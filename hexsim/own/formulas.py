@@ -17,7 +17,6 @@ import sympy
 from hexsim.errors import HexsimError
 
 LONGEST = 4000  # characters of a formula
-MOST_LEVELS = 200  # of brackets and operators in each other; a sum of n terms has n
 MOST_NODES = 4000  # of a formula with the formulas it names put in
 DEEPEST = 10  # formulas that name formulas
 Expr = Any  # of sympy, whose stubs know less than sympy does
@@ -124,7 +123,13 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Expr]]] = {
 }  # fmt: skip
 
 
-def tree_of(text: str, where: str, functions: Iterable[str] = FUNCTIONS) -> ast.expr:
+def tree_of(
+    text: str,
+    where: str,
+    functions: Iterable[str] = FUNCTIONS,
+    *,
+    most_levels: int = 200,  # of brackets and operators in each other; a sum of n terms has n
+) -> ast.expr:
     """The checked tree of a formula: numbers, names, + - * / ** and these functions. Raises HexsimError for anything else."""
     if len(text) > LONGEST:
         raise HexsimError(f"{where}: a formula of {len(text)} characters; at most {LONGEST}: give parts of it a name")
@@ -136,8 +141,8 @@ def tree_of(text: str, where: str, functions: Iterable[str] = FUNCTIONS) -> ast.
         raise HexsimError(
             f"{where}: {text[:60]!r} is no formula; write for example 'abs(velocity_m_s) * velocity_m_s'"
         ) from None
-    if levels > MOST_LEVELS:
-        raise HexsimError(f"{where}: a formula of {levels} levels; at most {MOST_LEVELS}: give parts of it a name")
+    if levels > most_levels:
+        raise HexsimError(f"{where}: a formula of {levels} levels; at most {most_levels}: give parts of it a name")
     for node in nodes:
         check(node, where, tuple(functions))
     return tree

@@ -26,7 +26,6 @@ from hexsim.recording.quantity import quantity
 from hexsim.recording.zoom import Curve, Panel, zoomable
 from hexsim.signals.log import Log
 
-MOST_POINTS = 4000
 Array = np.ndarray
 
 
@@ -161,10 +160,17 @@ SEEN = "Measured, and simulated from the inputs and the first samples alone."
 
 
 @styled
-def residual(run: str, output: str, unit: str, table: pl.DataFrame) -> Figure:
+def residual(
+    run: str,
+    output: str,
+    unit: str,
+    table: pl.DataFrame,
+    *,
+    most_points: int = 4000,
+) -> Figure:
     """Measured and simulated output of a run, and what is left."""
     time, measured, free = (table[name].to_numpy() for name in ("time_s", output, f"simulated_{output}"))
-    thin = slice(None, None, max(len(time) // MOST_POINTS, 1))
+    thin = slice(None, None, max(len(time) // most_points, 1))
     figure, (upper, lower) = new_figure(2, f"{output} of {run}", height=4.4)
     upper.plot(time[thin], measured[thin], color="0.4", label="measured")
     upper.plot(time[thin], free[thin], color="#1f5fa8", label="simulated")

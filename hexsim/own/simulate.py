@@ -9,14 +9,12 @@ import sympy
 from scipy.interpolate import CubicSpline
 
 from hexsim.errors import HexsimError
-from hexsim.own.compiled import STARTS, Equations, integrated
+from hexsim.own.compiled import Equations, What, integrated
 from hexsim.own.model import Model
 from hexsim.signals.log import Log
 
 Array = np.ndarray
 STAGES = {"rk4": 4, "heun": 2, "euler": 1}
-PARABOLA = 6  # samples
-DELAY_STEP = 0.25  # samples, of the difference quotient by a number that a delay depends on
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,13 +97,20 @@ def records_of(model: Model, log: Log, where: str, whole: bool = False) -> list[
     return found
 
 
-def first(y: Array, dt: float, function: str, count: int) -> float:
+def first(
+    y: Array,
+    dt: float,
+    function: str,
+    count: int,
+    *,
+    parabola_samples: int = 6,
+) -> float:
     """first: the value at the first sample, first_rate: the slope there, of a parabola through the first samples (a line through fewer
-    than PARABOLA, the sample itself where there is but one)."""
+    than `parabola_samples`, the sample itself where there is but one)."""
     y = y[: max(count, 2)]
     if count < 2 and function == "first":
         return float(y[0])
-    slope, value = np.polyfit(np.arange(len(y)) * dt, y, 2 if len(y) >= PARABOLA else 1)[-2:]
+    slope, value = np.polyfit(np.arange(len(y)) * dt, y, 2 if len(y) >= parabola_samples else 1)[-2:]
     return float(slope if function == "first_rate" else value)
 
 
@@ -127,15 +132,23 @@ class Simulator:
         """(x0, its derivatives by p (nx, np))."""
         nx, count = len(self.model.states), len(p)
         out = np.zeros(nx + nx * count)
-        self.equations(STARTS, np.zeros(nx), record.firsts, p, out)
+        self.equations(What.STARTS, np.zeros(nx), record.firsts, p, out)
         return out[:nx].copy(), out[nx:].reshape(nx, count).copy()
 
-    def run(self, record: Record, p: Array, slopes: bool = False, start: Array | None = None) -> FreeRun:
+    def run(
+        self,
+        record: Record,
+        p: Array,
+        slopes: bool = False,
+        start: Array | None = None,
+        *,
+        delay_step: float = 0.25,  # samples, of the difference quotient by a number that a delay depends on
+    ) -> FreeRun:
         """Simulate a run with numbers p (np,), from its own start or from `start` (nx,)."""
         p = np.ascontiguousarray(p, dtype=float)
         free = self.at(record, p, slopes, start)
         for k in self.delayed if slopes else ():
-            change = DELAY_STEP * record.dt
+            change = delay_step * record.dt
             ahead, behind = p.copy(), p.copy()
             ahead[k] += change
             behind[k] -= change

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import sympy
 
-from hexsim.own.compiled import RATES
+from hexsim.own.compiled import What
 from hexsim.own.declaration import ModelTables
 from hexsim.own.effects import Sizes, place_of
 from hexsim.own.model import Resolver
@@ -15,7 +15,6 @@ from hexsim.own.problem import OwnProblem
 from hexsim.own.simulate import FreeRun
 
 Array = np.ndarray
-SAMPLES = 400  # of which a typical size is taken
 
 
 def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable[[str, str], Sizes]:
@@ -47,7 +46,14 @@ def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable
     return of
 
 
-def sum_size(problem: OwnProblem, theta: Array, runs: Sequence[FreeRun], name: str) -> float:
+def sum_size(
+    problem: OwnProblem,
+    theta: Array,
+    runs: Sequence[FreeRun],
+    name: str,
+    *,
+    n_samples: int = 400,  # of which a typical size is taken
+) -> float:
     """Rms of storage times rate of a state along the runs."""
     model = problem.simulator.model
     k, count = model.states.index(name), len(model.numbers)
@@ -57,9 +63,9 @@ def sum_size(problem: OwnProblem, theta: Array, runs: Sequence[FreeRun], name: s
     for r, (record, free) in enumerate(zip(problem.records, runs, strict=True)):
         p = np.ascontiguousarray(theta[problem.columns[r]])
         inputs = problem.simulator.inputs(record, p)
-        for i in range(0, record.n, max(record.n * len(runs) // SAMPLES, 1)):
+        for i in range(0, record.n, max(record.n * len(runs) // n_samples, 1)):
             u = np.array([*inputs[i], record.time[i], record.dt])
-            problem.simulator.equations(RATES, np.tile(free.states[i], 2), u, p, out)
+            problem.simulator.equations(What.RATES, np.tile(free.states[i], 2), u, p, out)
             found.append(out[k])
     return float(np.sqrt(np.nanmean(np.square(found)))) * storage_of(problem, theta, name)
 

@@ -24,7 +24,6 @@ from hexsim.signals.log import Log
 
 FILE = "own_trace_state.json"
 FORMAT = 1
-LARGEST_BYTES = 200e6  # of the file: some hundred fits of a hundred numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,12 +45,17 @@ class StateFile:
         self._writing = threading.Lock()
 
     @classmethod
-    def of(cls, place: Path) -> StateFile:
+    def of(
+        cls,
+        place: Path,
+        *,
+        most_bytes: float = 200e6,  # of the file: some hundred fits of a hundred numbers
+    ) -> StateFile:
         """What a folder holds. HexsimError where it cannot be read, or is of another version."""
         path = place / FILE
         try:
-            if path.stat().st_size > LARGEST_BYTES:
-                raise ValueError(f"more than {LARGEST_BYTES / 1e6:.0f} MB")
+            if path.stat().st_size > most_bytes:
+                raise ValueError(f"more than {most_bytes / 1e6:.0f} MB")
             told = json.loads(path.read_text(encoding="utf-8"))
             made_by = (told["format"], str(told["version"])[:20])
             if made_by != (FORMAT, __version__):

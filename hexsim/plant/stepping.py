@@ -38,7 +38,7 @@ from hexsim.hydraulics.steps import (
 )
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, offset, pointer_to, supply_pressure, supply_state
-from hexsim.plant.newton_euler import EVALUATE, LENGTHS, RUNGE_KUTTA, native_platform
+from hexsim.plant.newton_euler import What, native_platform
 from hexsim.plant.states import ROW
 from hexsim.plant.structs import time_view, timestep_view
 
@@ -200,7 +200,7 @@ def sense(context, record):
     row = context.count[0] if context.is_recorded else 0
     if context.is_tendon:
         if context.platform:
-            call_native(context.platform, context.model, context.data, (LENGTHS,))
+            call_native(context.platform, context.model, context.data, (What.LENGTHS,))
         else:
             call_native(context.position, context.model, context.data, ())
         for i in range(context.offsets.shape[0]):
@@ -346,7 +346,7 @@ def asked_steps(context):
 def _evaluate(context, is_located):
     """Derivatives of the present state, as `mj_step` begins with."""
     if context.platform:
-        call_native(context.platform, context.model, context.data, (EVALUATE,))
+        call_native(context.platform, context.model, context.data, (What.EVALUATE,))
     elif is_located:
         call_native(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
     else:
@@ -367,7 +367,7 @@ def march(context, record, row, span, middle):
         context.timestep[0] = h
         keep_state(context)
         if context.platform:
-            call_native(context.platform, context.model, context.data, (RUNGE_KUTTA,))
+            call_native(context.platform, context.model, context.data, (What.RUNGE_KUTTA,))
         else:
             call_native(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
         error = last_error(context, h)

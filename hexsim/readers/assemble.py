@@ -20,7 +20,6 @@ from hexsim.signals.units import unit_of_name, unit_to_si
 Array = np.ndarray
 LEG_STEMS = ("setpoint", "position", "valve", "pressure_bottom")
 TIME = "time_s"
-TOGETHER = 0.5  # share of a column's samples that stand in the rows of another: both are of one clock
 
 
 @dataclass(kw_only=True, eq=False)
@@ -184,13 +183,17 @@ def by_rows(
     return groups
 
 
-def clusters(columns: Iterable[Assigned]) -> list[tuple[Array, list[Assigned]]]:
+def clusters(
+    columns: Iterable[Assigned],
+    *,
+    least_share: float = 0.5,  # share of a column's samples that stand in the rows of another: both are of one clock
+) -> list[tuple[Array, list[Assigned]]]:
     """(rows, columns) that have samples in the same rows: a table with empty cells may hold several clocks."""
     found: list[tuple[Array, list[Assigned]]] = []
     for one in sorted(columns, key=lambda one: -int(np.isfinite(one.values).sum())):
         there = np.isfinite(one.values)
         for k, (mask, together) in enumerate(found):
-            if (mask & there).sum() >= TOGETHER * there.sum():
+            if (mask & there).sum() >= least_share * there.sum():
                 found[k] = mask | there, [*together, one]
                 break
         else:

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 DIVERGENCE_LIMIT = 1e9  # MPa, m/s2 or m: no state of a machine
-CHECK_EVERY_S = 0.1  # simulated time between checks of MuJoCo's warnings
 
 
 @dataclass(kw_only=True)
@@ -224,14 +223,20 @@ class TickLoop:
         self.done, self._raised = 0, None
 
     @without_timers()
-    def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
+    def go(
+        self,
+        progress: Callable[[float], None],
+        interventions: Sequence[Any],
+        *,
+        check_every_s: float = 0.1,  # simulated time between checks of MuJoCo's warnings
+    ) -> str:
         """Run to the end; returns "" or why it ended early."""
         loop = None if interventions or not isinstance(self.loop, PositionLoop) else self._compiled_loop()
         if loop is not None:
             self.check.repeat = lambda context, record, volts: run_ticks(
                 context, record, loop._replace(given=volts), 0, len(volts)
             )
-        chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
+        chunk = max(1, round(check_every_s / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
                 last = min(first + chunk, self.ticks)

@@ -21,7 +21,6 @@ DRY_FRICTION = tuple(
 )
 LEAK, DELAY = "effects.leakage_supply_to_chamber", "effects.valve_delay"
 L_MIN_BAR = BAR / L_MIN  # l/min/bar in m3/s/Pa
-REACH = 0.9  # of the excursion that an axis has alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +147,7 @@ class Wave:
     def largest_amplitude(self, machine: Machine) -> float:
         """How far the axis may go alone on a machine, in mm or deg."""
         reach = dict(zip(machine.mechanics.dofs, excursions(machine.mechanics), strict=True))[self.axis]
-        return float(np.floor(REACH * min(-reach.minimum, reach.maximum) / self.unit[0]))
+        return float(np.floor(0.9 * min(-reach.minimum, reach.maximum) / self.unit[0]))
 
 
 def wave_of(scenario: Scenario) -> Wave | None:
