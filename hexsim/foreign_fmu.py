@@ -63,9 +63,12 @@ class ForeignFmu:
         folder = tempfile.mkdtemp(prefix="hexsim-fmu-")
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "hexsim.foreign_fmu", folder, str(os.getpid())],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), "OMP_NUM_THREADS": "1"},
-        )  # fmt: skip
+        )
         self.close = weakref.finalize(self, _end, self._process, folder)
         threading.Thread(target=_watch, args=(weakref.ref(self),), daemon=True).start()
         self._receive(begin_s, "begins")

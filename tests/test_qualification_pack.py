@@ -74,9 +74,10 @@ def test_the_machines_response_comes_in_by_its_describing_function():
     frequency = [0.5, 1.0, 2.0, 5.0]
     lag = [1.0 / (1.0 + 0.05j * 2.0 * math.pi * f) for f in frequency]
     curve = {
-        "frequency_Hz": frequency, "gain_dB": [20.0 * math.log10(abs(one)) for one in lag],
+        "frequency_Hz": frequency,
+        "gain_dB": [20.0 * math.log10(abs(one)) for one in lag],
         "phase_deg": [math.degrees(np.angle(one)) for one in lag],
-    }  # fmt: skip
+    }
     found = machine_response({"z": curve})
     for f, tolerance in ((1.0, 1e-6), (1.4, 0.03), (0.05, 0.005)):
         assert abs(found("z", 2.0 * math.pi * f) - 1.0 / (1.0 + 0.1j * math.pi * f)) < tolerance

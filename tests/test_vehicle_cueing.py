@@ -461,9 +461,11 @@ def test_a_take_off_is_felt(tmp_path) -> None:
     assert max(one.acceleration[2] for one in found[800:]) > 1.0
     waiting = sorted((t + rng.uniform(0.0, 0.005), data) for t, data in packets if rng.random() > 0.05)
     with Server(
-        load_machine("micro_motion_system/tuned"), port=0, timestep=2e-4,
+        load_machine("micro_motion_system/tuned"),
+        port=0,
+        timestep=2e-4,
         host_input=HostInput(vehicle=Vehicle(decode=flightgear)),
-    ) as server:  # fmt: skip
+    ) as server:
         host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         while waiting:
             while waiting and waiting[0][0] <= server.time_s:

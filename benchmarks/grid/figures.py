@@ -91,6 +91,12 @@ def figures(run: Run, plain: Run, again: Run) -> Figures:
     acts = run.motion.reversals() > (math.inf if run.engaged_s is None else run.engaged_s)
     growth = (made - either)[acts]
     return Figures(
-        late(first, run.motion), late(made, run.motion), len(made), int((acts & is_worse(first, made)).sum()),
-        int((acts & is_worse(either, made)).sum()), int(is_worse(first, second).sum()), float(growth.max(initial=0.0)), run.engaged_s,
-    )  # fmt: skip
+        late(first, run.motion),
+        late(made, run.motion),
+        len(made),
+        int((acts & is_worse(first, made)).sum()),
+        int((acts & is_worse(either, made)).sum()),
+        int(is_worse(first, second).sum()),
+        float(growth.max(initial=0.0)),
+        run.engaged_s,
+    )

@@ -17,9 +17,14 @@ EXIT_CODE = 2
 UsageError: Any = typer.BadParameter.__bases__[0]  # click's, which newer versions of Typer hold inside
 TAG = re.compile(r"(\\*)(\[[a-z#/@][^[]*?\])")  # what Rich takes for markup
 MOVED = {
-    "machines": "list machines", "scenarios": "list scenarios", "compensators": "list compensators", "effects": "list effects",
-    "measure": "test log", "valve": "test valve", "schema": "export schema",
-}  # fmt: skip
+    "machines": "list machines",
+    "scenarios": "list scenarios",
+    "compensators": "list compensators",
+    "effects": "list effects",
+    "measure": "test log",
+    "valve": "test valve",
+    "schema": "export schema",
+}
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the disk, the user's share of it, the largest file allowed
 
 

@@ -39,6 +39,10 @@ def vehicle_of(source: str, strict: bool) -> Vehicle:
     # where X-Plane takes packets, by its own documentation
     address = address_of(where if at else LOOPBACK, 49000, f"--from {source!r}", allowed)
     return Vehicle(
-        decode=protocol(name), name=name, strict=strict, address=address,
-        requests=tuple(rref_requests(RREF_RATE_Hz)), farewell=tuple(rref_requests(0)),
-    )  # fmt: skip
+        decode=protocol(name),
+        name=name,
+        strict=strict,
+        address=address,
+        requests=tuple(rref_requests(RREF_RATE_Hz)),
+        farewell=tuple(rref_requests(0)),
+    )

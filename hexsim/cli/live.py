@@ -62,9 +62,11 @@ def live(
     if not source and washout != "classical":
         raise HexsimError("--washout acts on the packets of a simulator: give --from too")
     with_machine, what = options.prepare(
-        scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings,
+        scenario or "heave",
+        options.Motion(machine=machine, amplitude=amplitude, frequency=frequency),
+        settings,
         allow_native=allow_native,
-    )  # fmt: skip
+    )
     looker = options.stream_of(stream)
     looking = contextlib.closing(looker) if looker else contextlib.nullcontext()
     with compiling_said(lambda text: typer.echo(text, err=True)), looking:
@@ -82,9 +84,14 @@ def live(
 
 
 def serve_page(
-    machine: Machine, scenario: Scenario, compensator: str, names: tuple[str, str], port: int, seconds: float | None,
+    machine: Machine,
+    scenario: Scenario,
+    compensator: str,
+    names: tuple[str, str],
+    port: int,
+    seconds: float | None,
     stream: Stream | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Serve the page until Ctrl-C, or for `seconds`. names: of machine and scenario, as typed."""
     with page_needed():
         from hexsim.web import Page, Session
@@ -95,9 +102,16 @@ def serve_page(
 
 
 def fly(
-    machine: Machine, source: str, washout: str, compensator: str, name: str, listen: str, port: int,
-    seconds: float | None, stream: Stream | None = None,
-) -> None:  # fmt: skip
+    machine: Machine,
+    source: str,
+    washout: str,
+    compensator: str,
+    name: str,
+    listen: str,
+    port: int,
+    seconds: float | None,
+    stream: Stream | None = None,
+) -> None:
     """Serve the page of a machine that a simulator flies. name: of the machine, as typed. listen: ADDRESS:PORT."""
     with page_needed():
         from hexsim.web import Flight, FlightPage

@@ -67,9 +67,15 @@ def sweep(
     with_machine, what = options.prepare(scenario, motion, allow_native=allow_native)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
     grid_cases = cases(
-        what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full,
-        timestep=timestep, draws=draws,
-    )  # fmt: skip
+        what,
+        with_machine,
+        settings=grid,
+        seeds=parse_seeds(seeds),
+        compensators=names_of(compensators),
+        fast=not full,
+        timestep=timestep,
+        draws=draws,
+    )
     counted = {"runs": len(grid_cases), "failed": 0}
 
     with progress() as bar, terminated_like_interrupted():

@@ -33,8 +33,10 @@ class AxisShape:
 
     def __post_init__(self) -> None:
         for name, least, largest in (
-            ("gain", -LARGEST_GAIN, LARGEST_GAIN), ("smoothing_s", 0.0, LONGEST_S), ("dead_band", 0.0, WIDEST),
-        ):  # fmt: skip
+            ("gain", -LARGEST_GAIN, LARGEST_GAIN),
+            ("smoothing_s", 0.0, LONGEST_S),
+            ("dead_band", 0.0, WIDEST),
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and least <= value <= largest):
                 raise HexsimError(f"axis: {name} is {value}; give a number from {least:g} to {largest:g}")

@@ -145,13 +145,19 @@ def machine_header(
     seen = 2 * SPAN * plant.n_legs if feels_legs(plant, what, compensator) else 0
     settings = [settings_of(compensator, context) for context in contexts]
     numbers = _places(plant, variables) | {
-        "IS_MACHINE": int(what == "machine"), "TICK": 1.0 / plant.machine.controller.rate_Hz, "N_MEMORY": N_MEMORY,
-        "N_INPUTS": len(variables.inputs), "RING": n_delayed if delay.any() else 2,
-        "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
-        "COMPENSATOR_SIZE": made.size if what == "machine" else 1, "N_SETTINGS": len(settings[0]),
-        "N_SEEN": seen, "TELLS": TELLS,
+        "IS_MACHINE": int(what == "machine"),
+        "TICK": 1.0 / plant.machine.controller.rate_Hz,
+        "N_MEMORY": N_MEMORY,
+        "N_INPUTS": len(variables.inputs),
+        "RING": n_delayed if delay.any() else 2,
+        "LONGEST_DELAY": float(delay.max()),
+        "N_CHANGES": len(changes),
+        "COMPENSATOR_SIZE": made.size if what == "machine" else 1,
+        "N_SETTINGS": len(settings[0]),
+        "N_SEEN": seen,
+        "TELLS": TELLS,
         "COMPENSATOR_PARAMETER": len(variables.parameters) - 1,
-    }  # fmt: skip
+    }
     kinds = ", ".join(OUTPUT_KINDS.values())
     lines = [
         *(f"#define {name} ({value!r})" for name, value in numbers.items()),
@@ -195,20 +201,36 @@ def _places(plant: Plant, variables: Variables) -> dict[str, float]:
     """Counts and places of the machine's numbers, and what it starts with."""
     parameters, supply = {p.name: k for k, p in enumerate(variables.parameters)}, plant.machine.supply
     return {
-        "N_LEGS": plant.n_legs, "N_ACTUATORS": len(plant.layout), "N_OUTPUTS": len(variables.outputs),
-        "N_PARAMETERS": len(variables.parameters), "N_VELOCITIES": plant.model.nv, "N_STIFF": native.N_STIFF,
-        "TIMESTEP": plant.timestep or 0.0, "LONGEST_PART": LONGEST_S,
+        "N_LEGS": plant.n_legs,
+        "N_ACTUATORS": len(plant.layout),
+        "N_OUTPUTS": len(variables.outputs),
+        "N_PARAMETERS": len(variables.parameters),
+        "N_VELOCITIES": plant.model.nv,
+        "N_STIFF": native.N_STIFF,
+        "TIMESTEP": plant.timestep or 0.0,
+        "LONGEST_PART": LONGEST_S,
         "LOAD_FREQUENCY": max((2 * np.pi * mode.frequency_Hz for mode in plant.resolved.payload_modes), default=0.0),
-        "AREA_BOTTOM": int(P.AREA_BOTTOM), "AREA_TOP": int(P.AREA_TOP),
-        "ROW": ROW, "LAYOUT": N_PARAMETERS, "PRESSURE": int(A.PRESSURE), "ROD_SIDE": int(A.ROD_SIDE),
-        "SUPPLY_PLACE": int(A.SUPPLY), "LENGTH_OFFSET": int(P.LENGTH_OFFSET),
-        "ROW_SUPPLY_PRESSURE": int(P.SUPPLY_PRESSURE), "ROD_SIDE_CHAMBER": int(P.ROD_SIDE_CHAMBER),
-        "ROD_SIDE_VALVE": ROD_SIDE_VALVE, "MASS_BODY": mass_body(plant), "MASS_OFFSET": mass_offset(plant),
+        "AREA_BOTTOM": int(P.AREA_BOTTOM),
+        "AREA_TOP": int(P.AREA_TOP),
+        "ROW": ROW,
+        "LAYOUT": N_PARAMETERS,
+        "PRESSURE": int(A.PRESSURE),
+        "ROD_SIDE": int(A.ROD_SIDE),
+        "SUPPLY_PLACE": int(A.SUPPLY),
+        "LENGTH_OFFSET": int(P.LENGTH_OFFSET),
+        "ROW_SUPPLY_PRESSURE": int(P.SUPPLY_PRESSURE),
+        "ROD_SIDE_CHAMBER": int(P.ROD_SIDE_CHAMBER),
+        "ROD_SIDE_VALVE": ROD_SIDE_VALVE,
+        "MASS_BODY": mass_body(plant),
+        "MASS_OFFSET": mass_offset(plant),
         "MASS_PARAMETER": parameters[mass_key(plant.machine)],
-        "SUPPLY_PARAMETER": parameters.get("supply.pressure_Pa", -1), "SUPPLY_PRESSURE": supply.pressure_Pa,
-        "TANK_PARAMETER": parameters.get("supply.tank_pressure_Pa", -1), "TANK_PRESSURE": supply.tank_pressure_Pa,
-        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m, "VAPOUR": VAPOUR,
-    }  # fmt: skip
+        "SUPPLY_PARAMETER": parameters.get("supply.pressure_Pa", -1),
+        "SUPPLY_PRESSURE": supply.pressure_Pa,
+        "TANK_PARAMETER": parameters.get("supply.tank_pressure_Pa", -1),
+        "TANK_PRESSURE": supply.tank_pressure_Pa,
+        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m,
+        "VAPOUR": VAPOUR,
+    }
 
 
 def _array(declared: str, items: Iterable[str]) -> str:

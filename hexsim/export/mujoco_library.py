@@ -31,10 +31,12 @@ SYMBOL = np.dtype(
 )
 SECTION = np.dtype(
     {
-        "names": ["type", "flags", "address", "offset", "size", "link"], "formats": ["<u4", *["<u8"] * 4, "<u4"],
-        "offsets": [4, 8, 16, 24, 32, 40], "itemsize": 64,
+        "names": ["type", "flags", "address", "offset", "size", "link"],
+        "formats": ["<u4", *["<u8"] * 4, "<u4"],
+        "offsets": [4, 8, 16, 24, 32, 40],
+        "itemsize": 64,
     }
-)  # fmt: skip
+)
 TRAP = b"\xcc"
 
 
@@ -118,9 +120,19 @@ def windows_library(given: Path | None = None) -> bytes:
 
 def _fetch(what: str, folder: Path) -> None:
     command = [
-        sys.executable, "-m", "pip", "download", "--quiet", "--platform", "win_amd64", "--only-binary=:all:", "--no-deps",
-        "--dest", str(folder), what,
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "pip",
+        "download",
+        "--quiet",
+        "--platform",
+        "win_amd64",
+        "--only-binary=:all:",
+        "--no-deps",
+        "--dest",
+        str(folder),
+        what,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise HexsimError(

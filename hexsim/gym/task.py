@@ -64,8 +64,10 @@ class Task:
         if self.role not in ("compensator", "controller"):
             raise HexsimError(f"role {self.role!r}: compensator or controller")
         for name, (low, high) in {
-            "amplitude_m": self.amplitude_m, "frequency_Hz": self.frequency_Hz, **self.effects,
-        }.items():  # fmt: skip
+            "amplitude_m": self.amplitude_m,
+            "frequency_Hz": self.frequency_Hz,
+            **self.effects,
+        }.items():
             if not low <= high:
                 raise HexsimError(f"{name} = ({low:g}, {high:g}): the first must not be above the second")
 

@@ -36,9 +36,16 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
     metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}  # noqa: RUF012 (Gymnasium's own form)
 
     def __init__(
-        self, num_envs: int, task: Task | None = None, *, machine: str | Machine | None = None, threads: int = 0,
-        model: ModelKind = "tendon", timestep: float | None = None, **changes: Any,
-    ) -> None:  # fmt: skip
+        self,
+        num_envs: int,
+        task: Task | None = None,
+        *,
+        machine: str | Machine | None = None,
+        threads: int = 0,
+        model: ModelKind = "tendon",
+        timestep: float | None = None,
+        **changes: Any,
+    ) -> None:
         self.num_envs, self.task = num_envs, task_of(task, machine, **changes)
         self.threads, self.timestep = threads, timestep
         self.model: ModelKind = model

@@ -79,10 +79,13 @@ def stiffness(p):
     with it [N s/m], end stop's spring [N/m] and damper [N s/m])."""
     viscous = max(p[P.VISCOUS_EXTEND], p[P.VISCOUS_RETRACT]) + p[P.EXTRA_DAMPING]
     return (
-        p[P.AREA_BOTTOM] ** 2, p[P.BRISTLE_STIFFNESS] + p[P.EXTRA_SPRING], viscous, friction_slope(p) + viscous,
+        p[P.AREA_BOTTOM] ** 2,
+        p[P.BRISTLE_STIFFNESS] + p[P.EXTRA_SPRING],
+        viscous,
+        friction_slope(p) + viscous,
         2.0 * p[P.CUSHION_STIFFNESS],
         p[P.CUSHION_DAMPING] + 2.0 * max(p[P.CUSHION_CHOKE_LOW], p[P.CUSHION_CHOKE_HIGH]) * greatest_speed(p),
-    )  # fmt: skip
+    )
 
 
 @compiled
@@ -104,9 +107,11 @@ def rule_of(springs, bristle, viscous, standstill, stop, stop_damping, own_rad_s
     """The numbers of StepRule. Arguments: max eig(A K), K each of `stiffness`; rates of the machine's parts [rad/s]."""
     ring = max(math.sqrt(bristle), own_rad_s, min(supply_rad_s, RING / FASTEST_LAW_S))
     return (
-        max(1.0 / LONGEST_S, ring / RING, viscous / STIFF), springs, standstill / STIFF,
+        max(1.0 / LONGEST_S, ring / RING, viscous / STIFF),
+        springs,
+        standstill / STIFF,
         max(math.sqrt(stop) / RING, stop_damping / STIFF),
-    )  # fmt: skip
+    )
 
 
 @compiled

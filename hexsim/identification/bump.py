@@ -87,9 +87,13 @@ def heave(machine: Machine, at_full_size_s: float) -> dict[str, Any]:
     """The half-hertz sine as a scenario's tables: along z of a platform, on the leg of a bench."""
     axis = "z" if machine.is_hexapod else "leg_1"
     return {
-        "name": "heave", "mode": "dof" if machine.is_hexapod else "actuator", "duration_s": FADE_s + at_full_size_s,
-        "fade_s": FADE_s, "fade": "smooth", "axes": {axis: half_hertz_sine(machine)},
-    }  # fmt: skip
+        "name": "heave",
+        "mode": "dof" if machine.is_hexapod else "actuator",
+        "duration_s": FADE_s + at_full_size_s,
+        "fade_s": FADE_s,
+        "fade": "smooth",
+        "axes": {axis: half_hertz_sine(machine)},
+    }
 
 
 def measured_heave(machine: Machine) -> dict[str, Any]:

@@ -22,8 +22,11 @@ from hexsim.tracing.report.budget import STEP_COLOURS, worst_of_kinds
 from hexsim.tracing.report.signals import SCALE
 
 QUANTITIES = {  # of a leg: its unit for people, and how many of it are one of SI
-    "excursion": ("mm", 1e3), "velocity": ("mm/s", 1e3), "acceleration": ("m/s²", 1.0), "jerk": ("m/s³", 1.0),
-}  # fmt: skip
+    "excursion": ("mm", 1e3),
+    "velocity": ("mm/s", 1e3),
+    "acceleration": ("m/s²", 1.0),
+    "jerk": ("m/s³", 1.0),
+}
 ROUND_COLOURS = ("#9AA5B1", *palette.RUNS)
 
 
@@ -65,8 +68,15 @@ def draw_budget(
     plot.set_ylim(noise_floor, 4.0 * plot.get_ylim()[1])
     plain_powers(plot)
     plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
-    plot.annotate("noise", (1.0, 1.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
-                  va="center", fontsize=8)  # fmt: skip
+    plot.annotate(
+        "noise",
+        (1.0, 1.0),
+        (4, 0),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        va="center",
+        fontsize=8,
+    )
     plot.set_xticks(
         range(len(shown)), [SCALE[kind_of(channel)][0].replace(", ", "\n") for _, channel in shown], fontsize=9
     )
@@ -85,8 +95,15 @@ def draw_bump(plot: Axes, bump: Bump) -> None:
     ):
         plot.plot(own.time_s - own.time_s[0], own.band, color=colour, lw=1.3, label=f"{label}: {worst:.3f} m/s²")
     plot.axhspan(-PERCEPTION_m_s2["z"], PERCEPTION_m_s2["z"], color=palette.GRID, lw=0, zorder=0)
-    plot.annotate("below\nperception", (1.0, 0.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
-                  va="center", fontsize=8)  # fmt: skip
+    plot.annotate(
+        "below\nperception",
+        (1.0, 0.0),
+        (4, 0),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        va="center",
+        fontsize=8,
+    )
     plot.set_xlabel("time of the heave, 0.5 Hz [s]")
     plot.set_ylabel("acceleration beside\nthe sine, 50 Hz [m/s²]")
     plot.set_title(f"The bump at each reversal of the machine: {bump.left}", loc="left", pad=20)
@@ -132,9 +149,12 @@ def motion_figure(limiter: HostLimiter, rows: np.ndarray, title: str) -> Figure:
     figure = Figure(figsize=(WIDTH_IN, 7.2), layout="constrained")
     duration_s = len(rows) * limiter.period_s
     figure.suptitle(
-        f"{title}: {duration_s:.0f} s, at most {100 * share:.0f} % of a limit ({what})", x=0.01, ha="left", fontsize=12,
+        f"{title}: {duration_s:.0f} s, at most {100 * share:.0f} % of a limit ({what})",
+        x=0.01,
+        ha="left",
+        fontsize=12,
         fontweight="bold",
-    )  # fmt: skip
+    )
     plots = figure.subplots(len(KINDS), len(found), sharex=True, squeeze=False)
     for column, (place, derivatives) in enumerate(found.items()):
         legs, limits = place == "leg", limiter.limits[place]

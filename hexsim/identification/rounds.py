@@ -46,9 +46,15 @@ LOWERING = "lowering the machine"
 
 
 def identify(
-    machine_file: Path | str, address: tuple[str, int], minutes: float, out: Path, show: Show | None = None, *,
-    compensate: bool = False, largest: float = 1.0,
-) -> Story:  # fmt: skip
+    machine_file: Path | str,
+    address: tuple[str, int],
+    minutes: float,
+    out: Path,
+    show: Show | None = None,
+    *,
+    compensate: bool = False,
+    largest: float = 1.0,
+) -> Story:
     """Identify the machine behind `address` against its declaration; `out` gets logs, traces and the story.
 
     minutes: machine time that may be used by the rounds. compensate: measure the bump before and after compensation.
@@ -196,9 +202,7 @@ def _rounds(
                 f"{result.verdict}: nothing is left to be told apart, and every number is sharp{''.join(terms)}"
             )
             return
-        design = next_measurement(
-            result, MOTION_s, partial(_tell_round, tell, number), may_load=False, largest=largest
-        )  # fmt: skip
+        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False, largest=largest)
         if not worth_a_run(design.to_json(), result.verdict == "unexplained"):
             why = design.purpose if design.purpose.startswith("no motion") else "; ".join(open_points(result))
             story.ended = f"no motion inside the machine's limits tells more: {why}"
@@ -215,7 +219,7 @@ def _keep(story: Story, used_s: float) -> None:
 
 def _measure(
     host: Host, machine: Machine, folder: Path, tell: Show, largest: float, name: str, rows: Array, doing: str
-) -> pl.DataFrame:  # fmt: skip
+) -> pl.DataFrame:
     """Draw the motion, then drive it: its log."""
     tell(doing, 0.0)
     draw(machine, rows, name, folder, largest)
@@ -240,9 +244,12 @@ def check_careful(
 def _trace(story: Story, fit: list[Path], number: int, tell: Show) -> Trace:
     held_out = [story.folder / "logs" / f"{name}.parquet" for name in HELD_OUT]
     return trace(
-        story.folder, [str(path) for path in fit], [str(path) for path in held_out], story.folder / f"round_{number}",
+        story.folder,
+        [str(path) for path in fit],
+        [str(path) for path in held_out],
+        story.folder / f"round_{number}",
         partial(_tell_round, tell, number),
-    )  # fmt: skip
+    )
 
 
 def _tell_round(tell: Show, number: int, doing: str, share: float) -> None:
@@ -251,10 +258,16 @@ def _tell_round(tell: Show, number: int, doing: str, share: float) -> None:
 
 def _round(number: int, purpose: str, log: str, result: Trace, expected: dict[str, Any]) -> Round:
     return Round(
-        number=number, purpose=purpose, log=log, verdict=result.verdict, sentences=tuple(open_points(result)),
-        effects=result.report.get("effects", []), error=result.report.get("error", {}),
-        budget=result.report.get("budget", []), expected=expected,
-    )  # fmt: skip
+        number=number,
+        purpose=purpose,
+        log=log,
+        verdict=result.verdict,
+        sentences=tuple(open_points(result)),
+        effects=result.report.get("effects", []),
+        error=result.report.get("error", {}),
+        budget=result.report.get("budget", []),
+        expected=expected,
+    )
 
 
 def open_points(result: Trace) -> list[str]:

@@ -17,9 +17,15 @@ from hexsim.signals.table import table
 Array = NDArray[np.float64]
 LOST_SHARE = 0.05  # of the telemetry that may be lost in a run
 STEMS = (
-    "setpoint", "position", "pressure_bottom", "pressure_top", "valve", "pressure_supply", "acceleration",
+    "setpoint",
+    "position",
+    "pressure_bottom",
+    "pressure_top",
+    "valve",
+    "pressure_supply",
+    "acceleration",
     "angular_acceleration",
-)  # fmt: skip
+)
 BELOW_Pa = 2e5  # a gauge's zero, and one atmosphere: no pressure lies farther below zero
 
 
@@ -115,12 +121,13 @@ def _in_range(
     ranges = {
         "setpoint": (-stroke_share * stroke, (1.0 + stroke_share) * stroke),
         "position": (-stroke_share * stroke, (1.0 + stroke_share) * stroke),
-        "pressure_bottom": (np.full(n, -BELOW_Pa), held), "pressure_top": (np.full(n, -BELOW_Pa), held),
+        "pressure_bottom": (np.full(n, -BELOW_Pa), held),
+        "pressure_top": (np.full(n, -BELOW_Pa), held),
         "valve": (-volts_ratio * volts, volts_ratio * volts),
         "pressure_supply": (np.full(1, -BELOW_Pa), supply),
         "acceleration": (np.full(3, -most_m_s2), np.full(3, most_m_s2)),
         "angular_acceleration": (np.full(3, -most_rad_s2), np.full(3, most_rad_s2)),
-    }  # fmt: skip
+    }
     for stem, (low, high) in ranges.items():
         for name, least, most in zip(table()[stem].columns(n), low, high, strict=False):
             values = found.get(name)
@@ -144,8 +151,12 @@ def _alive(
     has changed."""
     names = {stem: table()[stem].columns(n) for stem in STEMS}
     moved = [np.nanmax(found[name]) - np.nanmin(found[name]) > must_move_m for name in names["setpoint"]]
-    driven = [(name, f"leg {leg + 1}") for stem in ("position", "pressure_bottom", "valve")
-              for leg, name in enumerate(names[stem]) if moved[leg]]  # fmt: skip
+    driven = [
+        (name, f"leg {leg + 1}")
+        for stem in ("position", "pressure_bottom", "valve")
+        for leg, name in enumerate(names[stem])
+        if moved[leg]
+    ]
     for stem in ("acceleration", "angular_acceleration"):
         axes = [name for name in names[stem] if name in found]
         if any(moved) and all(_constant(found[name]) for name in axes):

@@ -57,8 +57,11 @@ class Watch:
         rod = of_legs("cylinder", "area_top_m2") / of_legs("cylinder", "area_bottom_m2")
         on_supply = machine.cylinder.rod_side == "supply"
         self.carry_Pa = rod * supply_Pa / MARGIN if on_supply else np.full(self.n, -np.inf)
-        friction = sum(max(leg.friction.coulomb_extend_N, leg.friction.coulomb_retract_N)
-                       + max(leg.friction.static_extend_N, leg.friction.static_retract_N) for leg in legs)  # fmt: skip
+        friction = sum(
+            max(leg.friction.coulomb_extend_N, leg.friction.coulomb_retract_N)
+            + max(leg.friction.static_extend_N, leg.friction.static_retract_N)
+            for leg in legs
+        )
         jolt = 2.0 * friction / machine.load.carried_mass_kg
         self.jolt_m_s2 = MARGIN * (machine.host_limits.acceleration_m_s2 + jolt)
         self._sent: deque[Array] = deque(maxlen=round(LATE_s / PERIOD_s))  # legs' setpoints (n,) from neutral

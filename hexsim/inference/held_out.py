@@ -95,9 +95,12 @@ def log_density(problem: Problem, at: list[int], own: Fit) -> float:
     """Of stretches with the numbers and spectra of a fit to others."""
     data = Coefficients(problem, at)
     left = finite(data.residuals(own.theta))
-    return float(sum(
-        own.spectra[c].log_density(data.log_f[j], np.abs(left[j]) ** 2, data.weight[j]) for j, (_, c) in enumerate(data.places)
-    ))  # fmt: skip
+    return float(
+        sum(
+            own.spectra[c].log_density(data.log_f[j], np.abs(left[j]) ** 2, data.weight[j])
+            for j, (_, c) in enumerate(data.places)
+        )
+    )
 
 
 def mean_over_error(

@@ -136,10 +136,16 @@ def prior_of(numbers: Sequence[Number]) -> tuple[Array, Array]:
 
 
 def fit(
-    problem: Problem, at: Sequence[int] | None = None, begin: Array | None = None, spectra: Sequence[Spectrum] | None = None,
-    evaluations: int = 40, with_spread: bool = True, white: bool = True, keep_local: bool = False,
+    problem: Problem,
+    at: Sequence[int] | None = None,
+    begin: Array | None = None,
+    spectra: Sequence[Spectrum] | None = None,
+    evaluations: int = 40,
+    with_spread: bool = True,
+    white: bool = True,
+    keep_local: bool = False,
     by_error: bool = False,
-) -> Fit:  # fmt: skip
+) -> Fit:
     """The numbers of a problem from these stretches (default all). begin: theta. spectra: a second start; white: is the first one used?
     keep_local: local numbers stay as they begin. by_error: least squares with a flat spectrum, for what a long simulation is to leave
     least of; errors are those of such a fit beside the residual's own spectrum.
@@ -252,9 +258,16 @@ def least(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], evaluat
 
     with np.errstate(divide="ignore", invalid="ignore"):  # scipy divides by the slope of a number that does nothing
         found = least_squares(
-            residuals, begin[free], jac=jacobian, bounds=(low[free], high[free]), x_scale=scale[free],  # pyright: ignore[reportArgumentType]
-            max_nfev=evaluations, xtol=1e-10, ftol=1e-8, gtol=1e-12,
-        )  # fmt: skip
+            residuals,
+            begin[free],
+            jac=jacobian,
+            bounds=(low[free], high[free]),
+            x_scale=scale[free],  # pyright: ignore[reportArgumentType]
+            max_nfev=evaluations,
+            xtol=1e-10,
+            ftol=1e-8,
+            gtol=1e-12,
+        )
     return whole(found.x)
 
 

@@ -95,10 +95,15 @@ def search(
 
     def known(judged: list[Judgment]) -> Found:
         return Found(
-            base=base, base_held=base_held, steps=[step for step in steps if step.title not in doubted],
-            refused=[*doubted.values(), *judged], final=now, final_held=held, in_model=[step.candidate for step in steps],
+            base=base,
+            base_held=base_held,
+            steps=[step for step in steps if step.title not in doubted],
+            refused=[*doubted.values(), *judged],
+            final=now,
+            final_held=held,
+            in_model=[step.candidate for step in steps],
             fits=list(fits),
-        )  # fmt: skip
+        )
 
     keep(known([]))
     for k in range(most):
@@ -145,9 +150,10 @@ def one_round(
     tell(f"{len(ranked)} candidates")
     near = ranked[0][0] - needed(compared) if ranked else 0.0
     tried = [
-        one for k, (nats, one) in enumerate(ranked)
+        one
+        for k, (nats, one) in enumerate(ranked)
         if one.has_memory or (k < MOST_TRIED and nats > least_nats and (k < n_tried or nats > near))
-    ]  # fmt: skip
+    ]
     judged = []
     for candidate in tried:
         tell(f"trying {candidate.title}")
@@ -222,8 +228,12 @@ def fitted_with(
 ) -> Fit:
     """From the numbers there are."""
     known = dict(zip(now.names, (float(value) for value in now.theta), strict=True)) | begin
-    return fit(problem, begin=np.array([known.get(number.name, number.start) for number in problem.numbers]), spectra=now.spectra,
-               evaluations=most_evaluations)  # fmt: skip
+    return fit(
+        problem,
+        begin=np.array([known.get(number.name, number.start) for number in problem.numbers]),
+        spectra=now.spectra,
+        evaluations=most_evaluations,
+    )
 
 
 def still(x: Array, y: Array, own: Sequence[int], at: Array) -> float:

@@ -107,8 +107,9 @@ def spectrum_of(
     return Spectrum(
         log_f=np.array([np.average(x[c], weights=w[c]) for c in parts]),
         log_s=np.log(np.array([np.average(p[c], weights=w[c]) for c in parts]) + floor),
-        edges=np.array([0.5 * (x[i - 1] + x[i]) for i in cuts[1:]]), counts=np.array([w[c].sum() for c in parts]),
-    )  # fmt: skip
+        edges=np.array([0.5 * (x[i - 1] + x[i]) for i in cuts[1:]]),
+        counts=np.array([w[c].sum() for c in parts]),
+    )
 
 
 def windows_of(stretches: Sequence[Stretch], channels: int, tapered: bool = True) -> list[list[Window | None]]:

@@ -159,9 +159,14 @@ class MotionComputer:
 
     # one tick
     def tick(
-        self, time_s: float, external: Array | None, positions: Array, pressures: Array | None, supply_Pa: float,
+        self,
+        time_s: float,
+        external: Array | None,
+        positions: Array,
+        pressures: Array | None,
+        supply_Pa: float,
         top_pressures: Array | None = None,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """Volts (n_legs,). external: (preview, n_legs) piston setpoints of manual or normal mode, this tick's first.
 
         None in normal mode: the host is silent; the last motion is braked, and the timeout runs.

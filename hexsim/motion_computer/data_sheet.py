@@ -84,7 +84,12 @@ def _valve_numbers(row: NDArray[np.float64], four_way: bool) -> tuple[float, flo
     roundings = row[[P.ROUNDING_SUPPLY, P.ROUNDING_TANK, P.ROUNDING_SUPPLY_TOP, P.ROUNDING_TANK_TOP]].max()
     leaks = row[[P.LEAK_SUPPLY_CHAMBER, P.LEAK_CHAMBER_TANK, P.LEAK_PISTON, P.LEAK_TOP_TANK]].sum()
     return gain, edge_V(
-        float(overlaps / row[P.SPOOL_GAIN]), float(roundings / row[P.SPOOL_GAIN]), row[P.HYSTERESIS], row[P.NULL_OFFSET],
-        leaks * row[P.SUPPLY_PRESSURE] / area_m2, friction_N / area_m2,
-        (0.5 * row[P.STROKE] + row[P.PIPELINE_VOLUME] / area_m2) / row[P.BULK_MODULUS], gain,
-    )  # fmt: skip
+        float(overlaps / row[P.SPOOL_GAIN]),
+        float(roundings / row[P.SPOOL_GAIN]),
+        row[P.HYSTERESIS],
+        row[P.NULL_OFFSET],
+        leaks * row[P.SUPPLY_PRESSURE] / area_m2,
+        friction_N / area_m2,
+        (0.5 * row[P.STROKE] + row[P.PIPELINE_VOLUME] / area_m2) / row[P.BULK_MODULUS],
+        gain,
+    )

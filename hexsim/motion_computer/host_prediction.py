@@ -64,10 +64,18 @@ class Prediction(NamedTuple):
 def new_prediction() -> Prediction:
     """Nothing is known."""
     return Prediction(
-        np.zeros((KEPT, POLYNOMIALS, TERMS, AXES)), np.zeros((KEPT, POINTS)), np.zeros((KEPT, len(LENGTHS_s), POINTS, AXES)),
-        np.zeros((KEPT, len(LENGTHS_s), TREND, AXES)), np.full(KEPT, -np.inf), np.ones(KEPT), np.zeros((KEPT, 2)),
-        np.ones((PREDICTORS, AXES)), np.zeros((PREDICTORS, AXES)), np.zeros(PREDICTORS), np.array([0.0, -np.inf]),
-    )  # fmt: skip
+        np.zeros((KEPT, POLYNOMIALS, TERMS, AXES)),
+        np.zeros((KEPT, POINTS)),
+        np.zeros((KEPT, len(LENGTHS_s), POINTS, AXES)),
+        np.zeros((KEPT, len(LENGTHS_s), TREND, AXES)),
+        np.full(KEPT, -np.inf),
+        np.ones(KEPT),
+        np.zeros((KEPT, 2)),
+        np.ones((PREDICTORS, AXES)),
+        np.zeros((PREDICTORS, AXES)),
+        np.zeros(PREDICTORS),
+        np.array([0.0, -np.inf]),
+    )
 
 
 @compiled
@@ -122,8 +130,15 @@ def _fit(times, motions, period_s, out, first, usable):
         if wanted > usable:
             break
         while reached < wanted:
-            _add_equations((times[newest - reached] - times[newest]) / period_s, motions[newest - reached],
-                           motions[newest, 0], period_s, derivatives, sums, products)  # fmt: skip
+            _add_equations(
+                (times[newest - reached] - times[newest]) / period_s,
+                motions[newest - reached],
+                motions[newest, 0],
+                period_s,
+                derivatives,
+                sums,
+                products,
+            )
             reached += 1
         scale = period_s / max(times[newest] - times[newest + 1 - wanted], period_s)
         for a in range(n):
@@ -191,8 +206,16 @@ def _add(prediction, place, j, time, share, out):
     """Add to out (3, AXES): share (AXES,) of position, velocity and acceleration by predictor j of a fit."""
     if j >= POLYNOMIALS:
         n, k = min(int(prediction.counts[place, 0]), POINTS), j - POLYNOMIALS
-        add_process(prediction.points[place], n, prediction.weights[place, k], prediction.trends[place, k], LENGTHS_s[k],
-                    time, share, out)  # fmt: skip
+        add_process(
+            prediction.points[place],
+            n,
+            prediction.weights[place, k],
+            prediction.trends[place, k],
+            LENGTHS_s[k],
+            time,
+            share,
+            out,
+        )
         return
     period = prediction.periods[place]
     x = (time - prediction.times[place]) / period

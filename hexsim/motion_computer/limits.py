@@ -44,9 +44,11 @@ class Limits:
     def scaled(self, share: float) -> Limits:
         """The limits of a motion that is `share` times as large."""
         return Limits(
-            excursion=share * self.excursion, velocity=share * self.velocity,
-            acceleration=share * self.acceleration, jerk=share * self.jerk,
-        )  # fmt: skip
+            excursion=share * self.excursion,
+            velocity=share * self.velocity,
+            acceleration=share * self.acceleration,
+            jerk=share * self.jerk,
+        )
 
 
 def dof_limits(
@@ -76,9 +78,11 @@ def leg_limits(machine: Machine) -> Limits:
     reach = np.minimum(neutral, machine.mechanics.stroke_m - neutral)
     free = reach - machine.of_legs("cylinder", "cushion_length_m") - LEG_MARGIN_m
     return Limits(
-        excursion=own.stroke_share * free, velocity=np.full(n, own.velocity_m_s),
-        acceleration=np.full(n, own.acceleration_m_s2), jerk=np.full(n, own.jerk_m_s3),
-    )  # fmt: skip
+        excursion=own.stroke_share * free,
+        velocity=np.full(n, own.velocity_m_s),
+        acceleration=np.full(n, own.acceleration_m_s2),
+        jerk=np.full(n, own.jerk_m_s3),
+    )
 
 
 @compiled
@@ -128,9 +132,18 @@ class CommandLimiter:
         """The position (n,) `dt` later. Targets are those of the present time."""
         limits = self.limits
         beyond = _follow(
-            self.position, self.velocity, target, velocity, acceleration, dt,
-            limits.excursion, limits.velocity, limits.acceleration, soft_share, return_rad_s,
-        )  # fmt: skip
+            self.position,
+            self.velocity,
+            target,
+            velocity,
+            acceleration,
+            dt,
+            limits.excursion,
+            limits.velocity,
+            limits.acceleration,
+            soft_share,
+            return_rad_s,
+        )
         self.limited = beyond > 0.0
         return self.position.copy()
 

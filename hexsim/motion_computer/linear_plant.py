@@ -72,10 +72,14 @@ def linear_plant(machine: Machine, pose: Array, extends: bool = True) -> LinearP
     names = [_state_names(place, n) for place in range(6)]
     outputs, read = _outputs(machine, pose, accelerations)
     return LinearPlant(
-        A=A[np.ix_(kept, kept)], B=B[kept], C=read[:, kept], D=read[:, count:],
+        A=A[np.ix_(kept, kept)],
+        B=B[kept],
+        C=read[:, kept],
+        D=read[:, count:],
         states=tuple(names[place % 6][place // 6] for place in kept),
-        inputs=table()["valve"].columns(n), outputs=outputs,
-    )  # fmt: skip
+        inputs=table()["valve"].columns(n),
+        outputs=outputs,
+    )
 
 
 def _state_names(place: int, n: int) -> tuple[str, ...]:

@@ -66,13 +66,19 @@ def figures_of(loop: Loop, points: int = POINTS) -> LoopFigures:
     gain = 20 * np.log10(np.abs(closed))
     phase = np.degrees(np.unwrap(np.angle(closed)))
     return LoopFigures(
-        leg=loop.leg, mode=loop.mode, mass_kg=loop.mass_kg, extends=loop.extends, is_stable=loop.is_stable,
+        leg=loop.leg,
+        mode=loop.mode,
+        mass_kg=loop.mass_kg,
+        extends=loop.extends,
+        is_stable=loop.is_stable,
         gain_margin_dB=float(-20 * np.log10(-inside.min())) if len(inside) else None,
         phase_margin_deg=float((180.0 - np.abs(angles)).min()) if len(angles) else None,
         crossover_Hz=float(crossings[-1]) if len(crossings) else None,
-        bandwidth_Hz=first_below(f, gain, -3.0), quarter_Hz=first_below(f, phase, -90.0), peak_dB=float(gain.max()),
+        bandwidth_Hz=first_below(f, gain, -3.0),
+        quarter_Hz=first_below(f, phase, -90.0),
+        peak_dB=float(gain.max()),
         delay_s=float(-np.interp(DELAY_AT_Hz, f, phase) / 360.0 / DELAY_AT_Hz),
-    )  # fmt: skip
+    )
 
 
 def _where_zero(

@@ -172,14 +172,23 @@ class LegMonitor:
         t = tolerances
         ticks = lambda seconds: max(1.0, np.ceil(seconds / tick))  # noqa: E731
         self._limits = LegLimits(
-            tick_s=tick, velocity_gain=velocity_gain(machine),
+            tick_s=tick,
+            velocity_gain=velocity_gain(machine),
             position_gain=machine.of_legs("controller", "gain_V_per_m"),
-            volts_max=machine.of_legs("valve", "voltage_max_V"), stroke=machine.of_legs("cylinder", "stroke_m"),
-            leg_error=t.leg_error_m, leg_error_share=t.leg_error_share, leg_error_ticks=ticks(t.leg_error_s),
-            range=t.range_m, jump=t.jump_m_s, bad_readings=float(t.bad_readings), frozen_ticks=ticks(t.frozen_s),
-            frozen_velocity=t.frozen_velocity_m_s, leg_pressure=t.leg_pressure_low * machine.supply.pressure_Pa,
-            leg_pressure_ticks=ticks(t.leg_pressure_s), clear_of_stops=2.0 * machine.of_legs("cylinder", "cushion_length_m"),
-        )  # fmt: skip
+            volts_max=machine.of_legs("valve", "voltage_max_V"),
+            stroke=machine.of_legs("cylinder", "stroke_m"),
+            leg_error=t.leg_error_m,
+            leg_error_share=t.leg_error_share,
+            leg_error_ticks=ticks(t.leg_error_s),
+            range=t.range_m,
+            jump=t.jump_m_s,
+            bad_readings=float(t.bad_readings),
+            frozen_ticks=ticks(t.frozen_s),
+            frozen_velocity=t.frozen_velocity_m_s,
+            leg_pressure=t.leg_pressure_low * machine.supply.pressure_Pa,
+            leg_pressure_ticks=ticks(t.leg_pressure_s),
+            clear_of_stops=2.0 * machine.of_legs("cylinder", "cushion_length_m"),
+        )
         self.model = np.zeros(n)
         self.usable = np.ones(n, dtype=bool)
         self._last = np.zeros(n)

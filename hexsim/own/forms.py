@@ -85,30 +85,51 @@ def sines(
     for k in range(1, half_waves + 1):
         wave = EffectNumber(start=0.5 * math.pi * k / s.half, low=0.0, scale=0.05 / s.half, unit=f"rad/{s.unit}")
         yield Factor(
-            kind=f"sin(k * {s.name})", text=f"sin(form_wave * {s.name})", twin=f"cos(form_wave * {s.name})", size=0.7,
-            numbers={"form_wave": wave}, start=f"wave {k}",
-        )  # fmt: skip
+            kind=f"sin(k * {s.name})",
+            text=f"sin(form_wave * {s.name})",
+            twin=f"cos(form_wave * {s.name})",
+            size=0.7,
+            numbers={"form_wave": wave},
+            start=f"wave {k}",
+        )
 
 
 def bends(s: Signal) -> Iterator[Factor]:
     """tanh, a knee, and a fitted exponent."""
     for w in () if s.positive else WIDTHS:
         width = EffectNumber(start=w * s.half, low=1e-3 * s.half, high=10.0 * s.half, scale=0.1 * s.half, unit=s.unit)
-        yield Factor(kind=f"tanh({s.name} / w)", text=f"tanh({s.name} / form_width)", size=0.7,
-                     numbers={"form_width": width}, start=f"width {w}")  # fmt: skip
+        yield Factor(
+            kind=f"tanh({s.name} / w)",
+            text=f"tanh({s.name} / form_width)",
+            size=0.7,
+            numbers={"form_width": width},
+            start=f"width {w}",
+        )
     for c, up in itertools.product(KNEES, (True, False)):
-        knee = EffectNumber(start=s.middle + c * s.half, low=s.middle - s.half, high=s.middle + s.half,
-                            scale=0.1 * s.half, unit=s.unit)  # fmt: skip
+        knee = EffectNumber(
+            start=s.middle + c * s.half, low=s.middle - s.half, high=s.middle + s.half, scale=0.1 * s.half, unit=s.unit
+        )
         kind = f"max({s.name} - c, 0)" if up else f"max(c - {s.name}, 0)"
         text = kind.replace("c -", "form_knee -").replace("- c", "- form_knee")
-        yield Factor(kind=kind, text=text, size=0.5 * s.half, unit=s.unit, numbers={"form_knee": knee},
-                     never_negative=True, start=f"knee {c}")  # fmt: skip
+        yield Factor(
+            kind=kind,
+            text=text,
+            size=0.5 * s.half,
+            unit=s.unit,
+            numbers={"form_knee": knee},
+            never_negative=True,
+            start=f"knee {c}",
+        )
     whole, ways = list(powers(s, STANDARD)), 1 if s.positive else 2
     odd, even = ({p: whole[ways * k + j].kind for k, p in enumerate(STANDARD)} for j in (0, ways - 1))
     for n in EXPONENTS:
         exponent = EffectNumber(start=n, low=0.0, high=8.0, scale=0.3, unit="1")
-        known = {"size": s.size**n, "unit": f"{s.unit}^n", "numbers": {"form_exponent": exponent},
-                 "start": f"exponent {n}"}  # fmt: skip
+        known = {
+            "size": s.size**n,
+            "unit": f"{s.unit}^n",
+            "numbers": {"form_exponent": exponent},
+            "start": f"exponent {n}",
+        }
         text = f"abs({s.name})**form_exponent"
         yield Factor(kind=f"abs({s.name})**n", text=text, never_negative=True, standard=even, **known)
         if not s.positive:
@@ -222,8 +243,15 @@ def forms(tables: ModelTables, inputs: Sequence[str], sizes: Callable[[str, str]
 
 
 def made(
-    tables: ModelTables, factors: Sequence[Factor], on: str, what: str, sizes: Sizes, size: float, unit: str, length: float
-) -> list[Form]:  # fmt: skip
+    tables: ModelTables,
+    factors: Sequence[Factor],
+    on: str,
+    what: str,
+    sizes: Sizes,
+    size: float,
+    unit: str,
+    length: float,
+) -> list[Form]:
     row = row_of(factors, on, what, size, unit)
     if row is None:
         return []
@@ -250,8 +278,13 @@ def as_effect(form: Form, fitted: Mapping[str, float]) -> dict[str, Any]:
 
 def signal_of(tables: ModelTables, name: str, sizes: Sizes, what: str) -> Signal:
     half, middle = (sizes.H, sizes.C) if what == "sum" else (sizes.P, sizes.M)
-    return Signal(name=name, unit=known_unit(tables, name) or f"[{name}]", size=sizes.X if what == "sum" else sizes.Y,
-                  middle=middle, half=half or 1.0)  # fmt: skip
+    return Signal(
+        name=name,
+        unit=known_unit(tables, name) or f"[{name}]",
+        size=sizes.X if what == "sum" else sizes.Y,
+        middle=middle,
+        half=half or 1.0,
+    )
 
 
 def memories(
@@ -293,9 +326,12 @@ def some_memory(
     tables: ModelTables, on: str, name: str, adds: str, scale: float, memory: dict, own: Sizes, k: int
 ) -> Candidate:
     row = EffectRow(
-        name=f"some memory of {name}"[:80], on=on, adds=f"form_late * {adds}", memory=MemoryTable.model_validate(memory),
+        name=f"some memory of {name}"[:80],
+        on=on,
+        adds=f"form_late * {adds}",
+        memory=MemoryTable.model_validate(memory),
         parameters={"form_late": EffectNumber(scale=0.05 * own.S * scale)},
-    )  # fmt: skip
+    )
     return replace(candidates(row, on, None, tables, own)[0], shape=f"{k + 1}")
 
 

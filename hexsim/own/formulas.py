@@ -117,10 +117,19 @@ def smaller(a: Expr, b: Expr) -> Expr:
 
 
 FUNCTIONS: dict[str, tuple[int, Callable[..., Expr]]] = {
-    "abs": (1, size), "sign": (1, side), "step": (1, step), "sqrt": (1, lambda x: root(positive(x))), "root": (1, root),
-    "exp": (1, sympy.exp), "log": (1, logarithm), "tanh": (1, sympy.tanh), "sin": (1, sympy.sin), "cos": (1, sympy.cos),
-    "min": (2, smaller), "max": (2, larger),
-}  # fmt: skip
+    "abs": (1, size),
+    "sign": (1, side),
+    "step": (1, step),
+    "sqrt": (1, lambda x: root(positive(x))),
+    "root": (1, root),
+    "exp": (1, sympy.exp),
+    "log": (1, logarithm),
+    "tanh": (1, sympy.tanh),
+    "sin": (1, sympy.sin),
+    "cos": (1, sympy.cos),
+    "min": (2, smaller),
+    "max": (2, larger),
+}
 
 
 def tree_of(
@@ -162,8 +171,10 @@ def check(node: ast.AST, where: str, functions: tuple[str, ...]) -> None:
         name = node.func.id if isinstance(node.func, ast.Name) else "?"
         count = FUNCTIONS[name][0] if name in FUNCTIONS else 1
         if name not in functions or node.keywords or len(node.args) != count:
-            raise HexsimError(f"{where}: {name[:40]} is no function of a formula, or has other arguments; there are "
-                              f"{', '.join(functions)}")  # fmt: skip
+            raise HexsimError(
+                f"{where}: {name[:40]} is no function of a formula, or has other arguments; there are "
+                f"{', '.join(functions)}"
+            )
     elif isinstance(node, ast.Constant):
         if not isinstance(node.value, int | float) or isinstance(node.value, bool) or not finite(node.value):
             raise HexsimError(f"{where}: {str(node.value)[:40]!r} is no finite number")
@@ -174,8 +185,9 @@ def check(node: ast.AST, where: str, functions: tuple[str, ...]) -> None:
         if not isinstance(node.op, ast.USub | ast.UAdd):
             raise HexsimError(f"{where}: only a sign may stand before a number or a name")
     elif not isinstance(node, ast.Name | ast.Load | ast.operator | ast.unaryop):
-        raise HexsimError(f"{where}: a formula has numbers, names, + - * / ** and functions, not "
-                          f"{ast.unparse(node)[:60]!r}")  # fmt: skip
+        raise HexsimError(
+            f"{where}: a formula has numbers, names, + - * / ** and functions, not {ast.unparse(node)[:60]!r}"
+        )
 
 
 def finite(value: int | float) -> bool:

@@ -51,10 +51,14 @@ class OwnProblem:
         of_run = any(number.of_run and number.name not in begins for number in model.numbers)
         self.pieces = pieces_of(self.records, of_run)
         self.stretches = [
-            Stretch(name=self.records[piece.record].name, group=piece.group, dt=self.records[piece.record].dt,
-                    weight=self.records[piece.record].weight[piece.samples])
+            Stretch(
+                name=self.records[piece.record].name,
+                group=piece.group,
+                dt=self.records[piece.record].dt,
+                weight=self.records[piece.record].weight[piece.samples],
+            )
             for piece in self.pieces
-        ]  # fmt: skip
+        ]
         self._kept: dict[tuple[int, bool], tuple[bytes, FreeRun]] = {}
 
     def free_run(self, record: int, theta: Array, slopes: bool = False) -> FreeRun:

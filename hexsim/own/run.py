@@ -84,15 +84,18 @@ def report_of(folder: OwnFolder, fitted: Fit, rms: Mapping[str, Mapping[str, flo
         "machine": folder.name,
         "numbers": {
             name: {
-                "value": float(value), "standard_error": float(error), "unit": declared[name].unit if name in declared else "",
-                "declared": declared[name].declared if name in declared else None, "at_bound": name in ends,
+                "value": float(value),
+                "standard_error": float(error),
+                "unit": declared[name].unit if name in declared else "",
+                "declared": declared[name].declared if name in declared else None,
+                "at_bound": name in ends,
             }
             for name, value, error in zip(fitted.names, fitted.theta, fitted.errors, strict=True)
         },
         "runs": {
             run: {"held_out": run in held_out, "rms": dict(of_output), "unit": units} for run, of_output in rms.items()
         },
-    }  # fmt: skip
+    }
 
 
 def page(
@@ -132,11 +135,15 @@ def sections(report: Mapping[str, Any], pictures: Sequence[Markup]) -> list[Sect
     every = report["numbers"].values()
     declared, bound = any(n["declared"] is not None for n in every), any(n["at_bound"] for n in every)
     numbers = [
-        (name, quantity(n["value"], n["unit"], 5), quantity(n["standard_error"], n["unit"], 2),
-         *([quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else ""] if declared else []),
-         *(["at its bound" if n["at_bound"] else ""] if bound else []))
+        (
+            name,
+            quantity(n["value"], n["unit"], 5),
+            quantity(n["standard_error"], n["unit"], 2),
+            *([quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else ""] if declared else []),
+            *(["at its bound" if n["at_bound"] else ""] if bound else []),
+        )
         for name, n in report["numbers"].items()
-    ]  # fmt: skip
+    ]
     of_runs = table(["run", Column("", "text"), Column("output", "text"), "rms of the residual"], runs)
     heads = [
         "number",

@@ -90,10 +90,18 @@ def records_of(model: Model, log: Log, where: str, whole: bool = False) -> list[
             first(log.columns[column][part], 1.0 / log.rate, function, settings.first_samples)
             for function, column in model.firsts
         ]
-        found.append(Record(
-            name=log.name if count == 1 else f"{log.name} {k + 1}", run=log.name, time=since[part], dt=1.0 / log.rate,
-            inputs=np.ascontiguousarray(inputs[part]), measured=np.nan_to_num(measured[part]), weight=seen, firsts=np.array(firsts),
-        ))  # fmt: skip
+        found.append(
+            Record(
+                name=log.name if count == 1 else f"{log.name} {k + 1}",
+                run=log.name,
+                time=since[part],
+                dt=1.0 / log.rate,
+                inputs=np.ascontiguousarray(inputs[part]),
+                measured=np.nan_to_num(measured[part]),
+                weight=seen,
+                firsts=np.array(firsts),
+            )
+        )
     return found
 
 
@@ -124,9 +132,10 @@ class Simulator:
         self.with_after = any(one != symbol for one, symbol in zip(model.after, symbols, strict=True))
         self.held = np.array(model.held, dtype=bool)
         self.delayed = [
-            k for k, number in enumerate(model.numbers)
+            k
+            for k, number in enumerate(model.numbers)
             if any(model.symbols[number.name] in delay.free_symbols for delay in model.delays.values())
-        ]  # fmt: skip
+        ]
 
     def starts(self, record: Record, p: Array) -> tuple[Array, Array]:
         """(x0, its derivatives by p (nx, np))."""
@@ -162,9 +171,20 @@ class Simulator:
             x0, s0 = np.ascontiguousarray(start, dtype=float), np.zeros_like(s0)
         settings = self.model.tables.simulation
         y, jac, states = integrated(
-            self.equations.address, x0, s0, self.inputs(record, p), self.held, p, record.time[0], record.dt, settings.steps,
-            self.stages, len(self.model.outputs), self.with_after, slopes,
-        )  # fmt: skip
+            self.equations.address,
+            x0,
+            s0,
+            self.inputs(record, p),
+            self.held,
+            p,
+            record.time[0],
+            record.dt,
+            settings.steps,
+            self.stages,
+            len(self.model.outputs),
+            self.with_after,
+            slopes,
+        )
         return FreeRun(outputs=y, slopes=jac, states=states)
 
     def inputs(self, record: Record, p: Array) -> Array:

@@ -32,16 +32,27 @@ def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable
         if what == "sum":
             at = place_of(name, tables) or name
             sums = sum_size(problem, theta, runs, name)
-            return Sizes(X=spread[name] or 1.0, S=sums or 1.0, P=half[at] or 1.0, M=middle[at],
-                         H=half[name] or 1.0, C=middle[name], **common)  # fmt: skip
+            return Sizes(
+                X=spread[name] or 1.0,
+                S=sums or 1.0,
+                P=half[at] or 1.0,
+                M=middle[at],
+                H=half[name] or 1.0,
+                C=middle[name],
+                **common,
+            )
         if what == "input":
             k = model.inputs.index(name)
             values = np.concatenate([record.inputs[:, k] for record in records])
         else:
             k = model.outputs.index(name)
             values = np.concatenate([record.measured[record.weight[:, k] > 0, k] for record in records])
-        return Sizes(Y=float(np.sqrt(np.mean(values**2))) or 1.0, P=0.5 * float(np.ptp(values)) or 1.0,
-                     M=0.5 * float(values.max() + values.min()), **common)  # fmt: skip
+        return Sizes(
+            Y=float(np.sqrt(np.mean(values**2))) or 1.0,
+            P=0.5 * float(np.ptp(values)) or 1.0,
+            M=0.5 * float(values.max() + values.min()),
+            **common,
+        )
 
     return of
 

@@ -63,8 +63,14 @@ class StateFile:
                     f"{path} was written by hexsim {made_by[1]}, this is {__version__}: start the trace anew"
                 )
             asked = told["asked"]
-            found = cls(place, Asked(folder=text(asked["folder"]), fit=tuple(map(text, asked["fit"])),
-                                     validate=tuple(map(text, asked["validate"]))))  # fmt: skip
+            found = cls(
+                place,
+                Asked(
+                    folder=text(asked["folder"]),
+                    fit=tuple(map(text, asked["fit"])),
+                    validate=tuple(map(text, asked["validate"])),
+                ),
+            )
             found.hashes = {text(name): text(value) for name, value in told["hashes"].items()}
             found.entries = [Entry.of_json(own) for own in told["entries"]]
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
@@ -89,9 +95,12 @@ class StateFile:
 
     def _keep(self, entries: list[Entry]) -> None:
         told: dict[str, Any] = {
-            "format": FORMAT, "version": __version__, "asked": vars(self.asked), "hashes": self.hashes,
+            "format": FORMAT,
+            "version": __version__,
+            "asked": vars(self.asked),
+            "hashes": self.hashes,
             "entries": [own.to_json() for own in entries],
-        }  # fmt: skip
+        }
         with self._writing:
             write_text(self.path, json.dumps(told, allow_nan=False))
         self.entries = list(entries)

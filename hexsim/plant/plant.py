@@ -65,10 +65,15 @@ class Plant:
     """
 
     def __init__(
-        self, machine: Machine, *, model: ModelKind = "full", timestep: float | None = None,
-        furnish: Callable[[mujoco.MjSpec], None] | None = None, later: Sequence[Setting] = (),
+        self,
+        machine: Machine,
+        *,
+        model: ModelKind = "full",
+        timestep: float | None = None,
+        furnish: Callable[[mujoco.MjSpec], None] | None = None,
+        later: Sequence[Setting] = (),
         load_moves: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)

@@ -103,9 +103,16 @@ class StepCheck:
         mujoco.mj_getState(model, plant.data, state, STATE)
         context = plant.context
         return Mark(
-            tick, state, plant.data.ctrl.copy(), model.actuator_user.copy(), model.body_ipos.copy(),
-            model.body_mass.copy(), context, [values.copy() for values in _changing(context)], len(plant.history),
-        )  # fmt: skip
+            tick,
+            state,
+            plant.data.ctrl.copy(),
+            model.actuator_user.copy(),
+            model.body_ipos.copy(),
+            model.body_mass.copy(),
+            context,
+            [values.copy() for values in _changing(context)],
+            len(plant.history),
+        )
 
     def _go_to(self, mark: Mark) -> None:
         plant, model = self.plant, self.plant.model
@@ -135,6 +142,13 @@ def _repeat(context: Any, record: Any, volts: Array) -> None:
 def _changing(context: Any) -> list[Array]:
     """Arrays of a context that steps change."""
     return [
-        context.next_step, context.level, context.slow, context.velocity_before, context.spool_volts, context.apart,
-        context.timestep, context.error, *context.bends,
-    ]  # fmt: skip
+        context.next_step,
+        context.level,
+        context.slow,
+        context.velocity_before,
+        context.spool_volts,
+        context.apart,
+        context.timestep,
+        context.error,
+        *context.bends,
+    ]

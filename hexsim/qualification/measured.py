@@ -94,11 +94,14 @@ def measure(
             amplitude = 0.5 * float(np.ptp(motion.commanded[axis][motion.time_s >= sine[1]]))
             found.rows += [_judged(row, axis, sine[0], amplitude, alone=len(driven) == 1) for row in made.rows]
     result = {
-        "log": log.name, "machine": machine.name, "bandwidth_Hz": band, "notes": notes,
+        "log": log.name,
+        "machine": machine.name,
+        "bandwidth_Hz": band,
+        "notes": notes,
         "passed": _passed(found.rows),
         "rows": [asdict(row) | {"passed": row.passed} for row in found.rows],
         "describing_function": found.curves.get("describing_function", {}),
-    }  # fmt: skip
+    }
     folder = Path(out)
     write_text(folder / "measure.json", json.dumps(result, indent=1))
     how = f"log {log.name} · {log.duration_s:.1f} s at {log.rate:g} Hz · accelerations in the {band:.3g} Hz band"
@@ -113,9 +116,10 @@ def _judged(row: Row, axis: str, frequency_Hz: float, amplitude: float, *, alone
         "half-hertz noise": ("a sine of 0.5 Hz in one axis alone", True),
         "leg balance": ("heave of 0.5 Hz alone", axis == "z"),
         "turn-around": (
-            "heave of 0.5 Hz alone, 150 mm peak to peak", axis == "z" and TURN_AROUND_m[0] <= amplitude <= TURN_AROUND_m[1],
+            "heave of 0.5 Hz alone, 150 mm peak to peak",
+            axis == "z" and TURN_AROUND_m[0] <= amplitude <= TURN_AROUND_m[1],
         ),
-    }  # fmt: skip
+    }
     if row.limit is None or row.test not in wanted:
         return row
     what, is_its = wanted[row.test]
@@ -153,10 +157,14 @@ def motion_of(log: Log, mechanics: Mechanics, imu: Imu | None, gravity_m_s2: flo
     acceleration = dict(zip(mechanics.dofs, rows, strict=True))
     places = dict(zip(mechanics.dofs, mechanics.dof_places, strict=True))
     return Motion(
-        time_s=log.time - log.time[0], commanded={dof: command[:, k] for dof, k in places.items()},
-        response={dof: pose[:, k] for dof, k in places.items()}, commanded_acceleration={}, acceleration=acceleration,
-        leg_setpoints=setpoints.T, leg_positions=positions,
-    ), notes  # fmt: skip
+        time_s=log.time - log.time[0],
+        commanded={dof: command[:, k] for dof, k in places.items()},
+        response={dof: pose[:, k] for dof, k in places.items()},
+        commanded_acceleration={},
+        acceleration=acceleration,
+        leg_setpoints=setpoints.T,
+        leg_positions=positions,
+    ), notes
 
 
 def at_origin(
@@ -263,8 +271,10 @@ def _figures_of_a_sine(found: Findings, axis: str, motion: Motion, f: float, sta
     found.rows.append(row_of("describing function", axis, f"gain at {f:g} Hz", gain_dB, "dB", source=APPLICANT))
     found.rows.append(row_of("describing function", axis, f"phase at {f:g} Hz", phase, "deg", source=APPLICANT))
     found.curves.setdefault("describing_function", {})[axis] = {
-        "frequency_Hz": [f], "gain_dB": [gain_dB], "phase_deg": [phase],
-    }  # fmt: skip
+        "frequency_Hz": [f],
+        "gain_dB": [gain_dB],
+        "phase_deg": [phase],
+    }
 
 
 def _response_of_any_motion(

@@ -110,9 +110,12 @@ def felt_amplitudes(
 
 
 def omct(
-    washout: Washout, rate_Hz: float, machine: Response, frequencies_rad_s: Sequence[float] = FREQUENCIES_rad_s,
+    washout: Washout,
+    rate_Hz: float,
+    machine: Response,
+    frequencies_rad_s: Sequence[float] = FREQUENCIES_rad_s,
     progress: Callable[[float], None] = lambda fraction: None,
-) -> list[Point]:  # fmt: skip
+) -> list[Point]:
     """All ten tests at all frequencies."""
     axes = list(dict.fromkeys(axis for _, axis, _ in TESTS))
     points: list[Point] = []

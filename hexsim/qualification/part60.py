@@ -138,9 +138,13 @@ def washed_out(washout: Washout, axis: str, machine: Machine, pilot_m: tuple[flo
 
 
 def repeatability(
-    rig: MachineRig, washout: Washout, mode: str, axes: tuple[str, ...] = AXES,
-    pilot_m: tuple[float, float, float] = PILOT_m, progress: Callable[[float], None] = lambda fraction: None,
-) -> tuple[list[Row], list[Trace]]:  # fmt: skip
+    rig: MachineRig,
+    washout: Washout,
+    mode: str,
+    axes: tuple[str, ...] = AXES,
+    pilot_m: tuple[float, float, float] = PILOT_m,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> tuple[list[Row], list[Trace]]:
     """Two runs of the same signal, other sensor noise: the largest difference of the platform's linear acceleration in any
     axis, from the fade's end on until LENGTH_S."""
     rows, traces = [], []
@@ -155,9 +159,16 @@ def repeatability(
         }
         largest = max(float(np.abs(values).max()) for values in differences.values())
         rows.append(
-            Row(test=f"3.d repeatability, {mode}", axis=NAMES.get(axis, axis), unit="g", value=largest / g0, limit=0.05,
-                figure="largest difference of two runs, linear, 50 Hz band", source=REPEATABILITY)
-        )  # fmt: skip
+            Row(
+                test=f"3.d repeatability, {mode}",
+                axis=NAMES.get(axis, axis),
+                unit="g",
+                value=largest / g0,
+                limit=0.05,
+                figure="largest difference of two runs, linear, 50 Hz band",
+                source=REPEATABILITY,
+            )
+        )
         traces.append(_trace(f"repeatability_{mode}_{axis}", first, second))
     return rows, traces
 
@@ -202,10 +213,17 @@ def onset(
             if found is None:  # later than all limits, so outside
                 found, figure = len(time) * server.tick_s, f"{figure}: not within this time"
             rows += [
-                Row(test="4.a motion onset", axis=NAMES.get(axis, axis), unit="ms", value=1e3 * found, limit=limit,
-                    figure=figure, source=source)
+                Row(
+                    test="4.a motion onset",
+                    axis=NAMES.get(axis, axis),
+                    unit="ms",
+                    value=1e3 * found,
+                    limit=limit,
+                    figure=figure,
+                    source=source,
+                )
                 for limit, source in ((150.0, ONSET), (100.0, ONSET_SHORT))
-            ]  # fmt: skip
+            ]
             unit = "rad_s2" if axis in ROTATIONS else "m_s2"
             traces.append(
                 Trace(name=f"onset_{axis}", columns={"time_s": time, f"asked_{unit}": asked, f"platform_{unit}": felt})
@@ -288,9 +306,15 @@ def envelope(machine: Machine) -> list[Row]:
             ("acceleration, the host's limit", limits.acceleration[k], "/s²"),
         ):
             rows.append(
-                Row(test="envelope", axis=NAMES.get(reach.dof, reach.dof), figure=figure, value=factor * float(value),
-                    unit=unit + suffix, source=NO_NUMBER)
-            )  # fmt: skip
+                Row(
+                    test="envelope",
+                    axis=NAMES.get(reach.dof, reach.dof),
+                    figure=figure,
+                    value=factor * float(value),
+                    unit=unit + suffix,
+                    source=NO_NUMBER,
+                )
+            )
     return rows
 
 
@@ -312,7 +336,13 @@ def noise(
             band = (frequency >= 0.5) & (frequency <= BANDWIDTH_Hz)
             columns |= {"frequency_Hz": frequency[band], f"{axis}_g2_Hz": power[band]}
             rows.append(
-                Row(test="platform noise", axis=NAMES[axis], figure="largest power density, 0.5 to 50 Hz", unit="g²/Hz",
-                    value=float(power[band].max()), source=NOISE)
-            )  # fmt: skip
+                Row(
+                    test="platform noise",
+                    axis=NAMES[axis],
+                    figure="largest power density, 0.5 to 50 Hz",
+                    unit="g²/Hz",
+                    value=float(power[band].max()),
+                    source=NOISE,
+                )
+            )
     return rows, [Trace(name="platform_noise", columns=columns)]

@@ -129,9 +129,10 @@ def by_stamps(raw: RawLog, signals: list[Assigned], time: Channel, path: Path) -
     if not signals:
         return []
     common = [
-        key for key in signals[0].raw.stamps
+        key
+        for key in signals[0].raw.stamps
         if all(key in one.raw.stamps and np.isfinite(one.raw.stamps[key]).mean() > 0.5 for one in signals)
-    ]  # fmt: skip
+    ]
     if not common:
         raise HexsimError(f"{path}: its signals have no clock in common: map signals of one clock")
     clock, others = common[0], {key for one in signals for key in one.raw.stamps} - {common[0]}
@@ -175,9 +176,12 @@ def by_rows(
             columns.remove(one)
         for rows, together in clusters(columns):
             group = ClockGroup(
-                path=path, clock=label, time=np.array(stamps[rows], dtype=float), tick_s=tick,
+                path=path,
+                clock=label,
+                time=np.array(stamps[rows], dtype=float),
+                tick_s=tick,
                 signals={one.name: np.array(one.values[rows], dtype=float) for one in together},
-            )  # fmt: skip
+            )
             group.rows = rows
             groups.append(group)
     return groups

@@ -62,9 +62,16 @@ def read_stretches(
             f"{path} has no stretch of {shortest_s:g} s without a missing value: {'; '.join(losses) or 'too short'}"
         )
     whole = Log(
-        name=log_name(path), kind=kind, time=grid.time, rate=round(grid.rate, 6), columns=grid.columns, path=path,
-        losses=losses, repaired=grid.repaired, weights=grid.weights,
-    )  # fmt: skip
+        name=log_name(path),
+        kind=kind,
+        time=grid.time,
+        rate=round(grid.rate, 6),
+        columns=grid.columns,
+        path=path,
+        losses=losses,
+        repaired=grid.repaired,
+        weights=grid.weights,
+    )
     return [used_part(whole, part, grid.slack) for part in parts]
 
 

@@ -46,9 +46,13 @@ OWN = {  # words that no other column shares
     for stem, words in WORDS.items()
 }
 USUAL = {  # units without being told, the commonest first
-    "s": ("s", "ms", "us"), "m": ("m", "mm", "cm", "in", "um"), "V": ("V", "mV"),
-    "Pa": ("Pa", "bar", "MPa", "psi", "kPa"), "m_s2": ("m_s2", "g", "mm_s2"), "rad_s2": ("rad_s2", "deg_s2"),
-}  # fmt: skip
+    "s": ("s", "ms", "us"),
+    "m": ("m", "mm", "cm", "in", "um"),
+    "V": ("V", "mV"),
+    "Pa": ("Pa", "bar", "MPa", "psi", "kPa"),
+    "m_s2": ("m_s2", "g", "mm_s2"),
+    "rad_s2": ("rad_s2", "deg_s2"),
+}
 
 
 @dataclass(kw_only=True)
@@ -200,17 +204,17 @@ def propose(
     free = np.full((len(signals), len(signals)), least_score)  # rather none
     rows, places_taken = scipy.optimize.linear_sum_assignment(np.hstack([gain, free]), maximize=True)
     guesses = [
-        one for row, k in zip(rows, places_taken, strict=True)
-        if k < len(columns) and (one := fits[row][k]) is not None
-    ]  # fmt: skip
+        one for row, k in zip(rows, places_taken, strict=True) if k < len(columns) and (one := fits[row][k]) is not None
+    ]
     driven(guesses, machine)
     guesses = by_relation(guesses, machine)
     used = {id(one.signal) for one in guesses}
     return Proposal(
-        guesses=sorted(guesses, key=lambda one: columns.index(one.column)), time=time,
+        guesses=sorted(guesses, key=lambda one: columns.index(one.column)),
+        time=time,
         unused=[signal.name for signal in signals if id(signal) not in used],
         missing=[column for column in columns if column not in {one.column for one in guesses}],
-    )  # fmt: skip
+    )
 
 
 def time_of(raw: RawLog) -> Guess | None:
@@ -300,8 +304,11 @@ def named_for(guess: Guess) -> bool:
 
 def places_column(stem: str, leg: int, n_legs: int) -> str:
     """Column of a leg, from 0."""
-    return next(name for name, (signal, place) in places().items()
-                if signal.stem == stem and name in signal.columns(n_legs) and (n_legs == 1 or place == leg))  # fmt: skip
+    return next(
+        name
+        for name, (signal, place) in places().items()
+        if signal.stem == stem and name in signal.columns(n_legs) and (n_legs == 1 or place == leg)
+    )
 
 
 def smooth(values: Array) -> Array:
@@ -331,8 +338,9 @@ def as_toml(proposal: Proposal, machine: Machine, source: str) -> str:
     """The mapping file, a line a column with what speaks for it, all six legs in one where they are named alike."""
     lines = [
         f"# Proposed by `hexsim map` from {source}: read it, correct it, and put it beside the logs.",
-        f'kind = "{"hexapod" if machine.is_hexapod else "bench"}"', "[columns]",
-    ]  # fmt: skip
+        f'kind = "{"hexapod" if machine.is_hexapod else "bench"}"',
+        "[columns]",
+    ]
     if proposal.time is not None:
         lines.append(line(proposal.time, "time_s", proposal.time.signal))
     done: set[str] = set()

@@ -110,9 +110,13 @@ def find_table(
     told = next((re.fullmatch(r"sep=(.)", line.strip("\ufeff\r"), re.IGNORECASE) for line in lines[:1]), None)
     comment, passed = layout.comment, max(layout.skip_rows, (layout.header_row or 1) - 1)
     kept = [
-        i for i, line in enumerate(lines[: passed + most_lines])
-        if i >= passed and line.strip() and not (comment and line.lstrip().startswith(comment)) and not (told and i == 0)
-    ]  # fmt: skip
+        i
+        for i, line in enumerate(lines[: passed + most_lines])
+        if i >= passed
+        and line.strip()
+        and not (comment and line.lstrip().startswith(comment))
+        and not (told and i == 0)
+    ]
     if not kept:
         raise HexsimError(f"{path} is empty: no row of data")
     if any(max(map(lines[i].count, TRIED)) > WIDEST for i in kept):
@@ -213,9 +217,15 @@ class Shape:
         if layout.columns is not None:
             before = [line for line, ok in zip(before, good, strict=False) if not ok]
         return Table(
-            separator=self.separator, header=header, first=first, numbers=numbers, decimal_comma=comma, units=units,
-            preamble=before, paired_s=self.time_unit(begins) if paired is not None else 0.0,
-        )  # fmt: skip
+            separator=self.separator,
+            header=header,
+            first=first,
+            numbers=numbers,
+            decimal_comma=comma,
+            units=units,
+            preamble=before,
+            paired_s=self.time_unit(begins) if paired is not None else 0.0,
+        )
 
     def paired(self, begins: int, good: list[bool]) -> tuple[int, list[str]] | None:
         """(row of the names, names) of a table in which every other column is a time that rises, each under the same name

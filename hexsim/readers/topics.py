@@ -60,10 +60,12 @@ class Topics:
                 other = self.aliases[topic].get(name, name)
                 raw.signals.append(
                     RawSignal(
-                        name=f"{head}.{name}", values=np.array(values), stamps=stamps[topic],
+                        name=f"{head}.{name}",
+                        values=np.array(values),
+                        stamps=stamps[topic],
                         aliases=(other, f"{head}.{other}") if other != name else (),
                     )
-                )  # fmt: skip
+                )
         if not raw.signals:
             raise HexsimError(f"{path} holds no signal of numbers{raw.unread()}")
         if self.cut:

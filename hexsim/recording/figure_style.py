@@ -82,9 +82,13 @@ class Margins:
         wide = (width - self.left - self.right - (columns - 1) * self.across) / columns
         high = (height - self.top - self.bottom - (rows - 1) * self.between) / rows
         return {
-            "left": self.left / width, "right": 1.0 - self.right / width, "bottom": self.bottom / height,
-            "top": 1.0 - self.top / height, "wspace": self.across / wide, "hspace": self.between / high,
-        }  # fmt: skip
+            "left": self.left / width,
+            "right": 1.0 - self.right / width,
+            "bottom": self.bottom / height,
+            "top": 1.0 - self.top / height,
+            "wspace": self.across / wide,
+            "hspace": self.between / high,
+        }
 
 
 STACKED = Margins()
@@ -144,17 +148,27 @@ def small_multiples(
 def legend(plot: Axes, columns: int = 4) -> None:
     """Above the plot, at the right, out of the way of the curves."""
     plot.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=columns, borderaxespad=0.0, handlelength=1.4,
-        frameon=False, fontsize=8.0, columnspacing=1.2,
-    )  # fmt: skip
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.99),
+        ncols=columns,
+        borderaxespad=0.0,
+        handlelength=1.4,
+        frameon=False,
+        fontsize=8.0,
+        columnspacing=1.2,
+    )
 
 
 def legend_above(figure: Figure, *handles: Artist) -> None:
     """One legend for all plots of a figure, above them."""
     figure.legend(
-        handles=handles, loc="outside upper left", ncols=len(handles), borderaxespad=0.2, handlelength=1.6,
+        handles=handles,
+        loc="outside upper left",
+        ncols=len(handles),
+        borderaxespad=0.2,
+        handlelength=1.6,
         columnspacing=1.3,
-    )  # fmt: skip
+    )
 
 
 def plain_frequencies(plot: Axes) -> None:

@@ -97,8 +97,10 @@ def _columns(schema: str, log: pl.DataFrame) -> list[str]:
     measured = schema == "hexsim.measured"
     known = places()
     return [
-        name for name in log.columns if name != "time_s" and (known[name][0].measured if name in known else True) == measured
-    ]  # fmt: skip
+        name
+        for name in log.columns
+        if name != "time_s" and (known[name][0].measured if name in known else True) == measured
+    ]
 
 
 def _rows(log: pl.DataFrame, columns: list[str]) -> Iterator[tuple[int, bytes]]:
@@ -124,9 +126,12 @@ def _frames(log: pl.DataFrame) -> Iterator[tuple[int, bytes]]:
     turns = scipy.spatial.transform.Rotation.from_euler("ZYX", poses[:, :2:-1]).as_quat()
     for stamp, pose, turn in zip(_stamps(time[::every]), poses.tolist(), turns.tolist(), strict=True):
         message = {
-            "timestamp": _stamp(stamp), "parent_frame_id": "world", "child_frame_id": "platform",
-            "translation": dict(zip("xyz", pose[:3], strict=True)), "rotation": dict(zip("xyzw", turn, strict=True)),
-        }  # fmt: skip
+            "timestamp": _stamp(stamp),
+            "parent_frame_id": "world",
+            "child_frame_id": "platform",
+            "translation": dict(zip("xyz", pose[:3], strict=True)),
+            "rotation": dict(zip("xyzw", turn, strict=True)),
+        }
         yield stamp, json.dumps(message).encode()
 
 
@@ -134,8 +139,13 @@ def _messages(said: Sequence[Message]) -> Iterator[tuple[int, bytes]]:
     """Level 3 is a warning in foxglove.Log."""
     for (stamp,), leg, text in ((_stamps([time_s]), leg, text) for time_s, leg, text in said):
         message = {
-            "timestamp": _stamp(stamp), "level": 3, "message": text, "name": f"leg {leg}", "file": "", "line": 0,
-        }  # fmt: skip
+            "timestamp": _stamp(stamp),
+            "level": 3,
+            "message": text,
+            "name": f"leg {leg}",
+            "file": "",
+            "line": 0,
+        }
         yield stamp, json.dumps(message).encode()
 
 

@@ -83,8 +83,14 @@ def velocity(position: Array, acceleration: Array | None, rate: float, half_widt
     slow = window.rate(position)
     if acceleration is None:
         return slow
-    integral = np.concatenate(
-        [np.zeros((*acceleration.shape[:-1], 1)), np.cumsum(0.5 * (acceleration[..., 1:] + acceleration[..., :-1]), axis=-1)],
-        axis=-1,
-    ) / rate  # fmt: skip
+    integral = (
+        np.concatenate(
+            [
+                np.zeros((*acceleration.shape[:-1], 1)),
+                np.cumsum(0.5 * (acceleration[..., 1:] + acceleration[..., :-1]), axis=-1),
+            ],
+            axis=-1,
+        )
+        / rate
+    )
     return slow + integral - window.mean(integral)

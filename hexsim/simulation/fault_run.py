@@ -82,9 +82,13 @@ class FaultRun:
         self.computer = computer
         self.supply = EmergencySupply(plant)
         self.bench = Workbench(
-            plant=plant, computer=computer, supply=self.supply, manifold=SafetyManifold(plant), sensors=sensors,
+            plant=plant,
+            computer=computer,
+            supply=self.supply,
+            manifold=SafetyManifold(plant),
+            sensors=sensors,
             tick_s=sensors.tick_s,
-        )  # fmt: skip
+        )
         self._silent_s = min((f.time_s for f in self.faults if isinstance(f, HostSilence)), default=math.inf)
         self.hosted = math.isfinite(self._silent_s)
 

@@ -72,9 +72,14 @@ class Host:
         for k in np.argsort(arrives, kind="stable"):
             if comes[k]:
                 command = HostCommand(
-                    sequence=int(k), time_s=float(sent[k]), setpoints=tuple(setpoints[k].tolist()), mode=mode,
-                    derivatives=None if changes is None else (tuple(changes[0][k].tolist()), tuple(changes[1][k].tolist())),
-                )  # fmt: skip
+                    sequence=int(k),
+                    time_s=float(sent[k]),
+                    setpoints=tuple(setpoints[k].tolist()),
+                    mode=mode,
+                    derivatives=None
+                    if changes is None
+                    else (tuple(changes[0][k].tolist()), tuple(changes[1][k].tolist())),
+                )
                 yield float(arrives[k]), command
 
 

@@ -75,9 +75,13 @@ def add_floor_and_light(spec: Any, machine: Machine) -> None:
     spec.visual.headlight.diffuse, spec.visual.headlight.ambient = [0.5] * 3, [0.35] * 3
     sky = {"rgb1": [0.85, 0.90, 0.96], "rgb2": [0.55, 0.63, 0.72]}
     spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        width=256, height=1536, **sky,
-    )  # fmt: skip
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        width=256,
+        height=1536,
+        **sky,
+    )
     spec.worldbody.add_light(name="sun", pos=[2 * size, -2 * size, 6 * size], dir=[-0.25, 0.25, -1.0], castshadow=True)
     spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[8 * size, 8 * size, 0.05], rgba=[0.74, 0.75, 0.77, 1.0],
@@ -99,9 +103,14 @@ def add_sliders(spec: Any, machine: Machine) -> None:
     for dof, limit in zip(machine.mechanics.dofs, slider_limits(machine), strict=True):
         name, unit = SLIDERS[dof]
         spec.add_actuator(
-            name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target="slide_1",
-            gainprm=np.zeros(10), biasprm=np.zeros(10), ctrllimited=True, ctrlrange=[-limit / unit, limit / unit],
-        )  # fmt: skip
+            name=name,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            target="slide_1",
+            gainprm=np.zeros(10),
+            biasprm=np.zeros(10),
+            ctrllimited=True,
+            ctrlrange=[-limit / unit, limit / unit],
+        )
 
 
 class LiveMachine:

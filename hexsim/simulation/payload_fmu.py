@@ -24,10 +24,13 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 # Names of motion (what a payload may take) and of load (what it may give), with or without a platform.
 PLATFORM_MOTION = (
-    *(f"platform_{axis}_m" for axis in AXES), *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")),
-    *(f"platform_velocity_{axis}_m_s" for axis in AXES), *(f"platform_angular_velocity_{axis}_rad_s" for axis in AXES),
-    *(f"acceleration_{axis}_m_s2" for axis in AXES), *(f"angular_acceleration_{axis}_rad_s2" for axis in AXES),
-)  # fmt: skip
+    *(f"platform_{axis}_m" for axis in AXES),
+    *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")),
+    *(f"platform_velocity_{axis}_m_s" for axis in AXES),
+    *(f"platform_angular_velocity_{axis}_rad_s" for axis in AXES),
+    *(f"acceleration_{axis}_m_s2" for axis in AXES),
+    *(f"angular_acceleration_{axis}_rad_s2" for axis in AXES),
+)
 PLATFORM_LOAD = (*(f"force_{axis}_N" for axis in AXES), *(f"moment_{axis}_N_m" for axis in AXES))
 BENCH_MOTION, BENCH_LOAD = ("position_m", "velocity_m_s", "acceleration_m_s2"), ("force_N",)
 

@@ -123,9 +123,14 @@ def motion_figures(scenario: Scenario, axis_names: tuple[str, ...], log: pl.Data
     axis = max(felt, key=lambda name: felt[name])
     grid, curves = reversal_curves(time, motions[driven], scenario.period_s)
     return MotionFigures(
-        axes=axes, times_threshold=felt[axis], felt_axis=axis, driven=driven, curve_time_s=grid, curves=curves,
+        axes=axes,
+        times_threshold=felt[axis],
+        felt_axis=axis,
+        driven=driven,
+        curve_time_s=grid,
+        curves=curves,
         unit="m_s2" if "peak_band_m_s2" in axes[driven] else "rad_s2",
-    )  # fmt: skip
+    )
 
 
 def reversal_curves(

@@ -84,9 +84,13 @@ def cavitation_warnings(plant: Plant, tick_s: float, positions: Array, act: Arra
         there, largest = void > 0.0, int(np.argmax(void))
         begins = np.flatnonzero(there & ~np.concatenate([[False], there[:-1]]))
         seen = Cavitation(
-            area_m2=area, count=len(begins), first_s=float(time[begins[0]]), duration_s=tick_s * float(there.sum()),
-            largest_m3=float(void[largest]), largest_s=float(time[largest]),
-        )  # fmt: skip
+            area_m2=area,
+            count=len(begins),
+            first_s=float(time[begins[0]]),
+            duration_s=tick_s * float(there.sum()),
+            largest_m3=float(void[largest]),
+            largest_s=float(time[largest]),
+        )
         found.append(seen.sentence(place))
     return found
 

@@ -76,12 +76,24 @@ class Server:
     """
 
     def __init__(
-        self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
-        scenario: Scenario | None = None, start: str = "neutral", timestep: float | None = None, seed: int = 0,
-        telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0, host_input: HostInput | None = None,
-        furnish: Callable[[Any], None] | None = None, stream: Stream | None = None, 
-    n_kept: int = 1000,  # messages, the last ones
-) -> None:  # fmt: skip
+        self,
+        machine: Machine,
+        host: str = "127.0.0.1",
+        port: int = PORT,
+        *,
+        compensator: str | Compensator = "none",
+        scenario: Scenario | None = None,
+        start: str = "neutral",
+        timestep: float | None = None,
+        seed: int = 0,
+        telemetry: bool = False,
+        lockstep: bool = False,
+        record_s: float = 0.0,
+        host_input: HostInput | None = None,
+        furnish: Callable[[Any], None] | None = None,
+        stream: Stream | None = None,
+        n_kept: int = 1000,  # messages, the last ones
+    ) -> None:
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
         self.machine = machine
@@ -124,9 +136,14 @@ class Server:
         else:
             cueing = Cueing(asked.washout, machine.controller.rate_Hz)
             self.link = VehicleLink(
-                host, port, self.host.buffer, asked.vehicle, cueing, self._ready,
+                host,
+                port,
+                self.host.buffer,
+                asked.vehicle,
+                cueing,
+                self._ready,
                 lambda text: self.messages.append((self.time_s, 0, text)),
-            )  # fmt: skip
+            )
         self.address = self.link.address
         self.record = ServeRecord(self, record_s, log_rate, seed) if record_s else None
         if start == "off":
@@ -271,11 +288,20 @@ class Server:
             self._pose = self.kinematics.forward(self._positions, guess=self._pose)
         newest = self.link.buffer.newest
         return Reply(
-            state=self.computer.state, errors=self.computer.errors, sequence=newest.sequence % 2**32 if newest else 0,
-            arrived=self.computer.arrived, refused=self.orders.refused, time_s=now, behind_s=self.status.behind_s,
-            age_s=now - self.link.buffer.last_packet_s, pose=tuple(self._pose), reference=tuple(self.host.reference),
-            lockstep=self.lockstep, telemetry=self.telemetry is not None, compensated=bool(self.computer.compensators),
-        )  # fmt: skip
+            state=self.computer.state,
+            errors=self.computer.errors,
+            sequence=newest.sequence % 2**32 if newest else 0,
+            arrived=self.computer.arrived,
+            refused=self.orders.refused,
+            time_s=now,
+            behind_s=self.status.behind_s,
+            age_s=now - self.link.buffer.last_packet_s,
+            pose=tuple(self._pose),
+            reference=tuple(self.host.reference),
+            lockstep=self.lockstep,
+            telemetry=self.telemetry is not None,
+            compensated=bool(self.computer.compensators),
+        )
 
     # real time
     @without_timers()
@@ -334,10 +360,18 @@ class Server:
 
 
 def serve(
-    machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
-    scenario: Scenario | None = None, duration_s: float | None = None, start: str = "neutral",
-    report: Callable[[Status], None] | None = None, stop: Event | None = None, timestep: float | None = None,
-) -> Status:  # fmt: skip
+    machine: Machine,
+    host: str = "127.0.0.1",
+    port: int = PORT,
+    *,
+    compensator: str | Compensator = "none",
+    scenario: Scenario | None = None,
+    duration_s: float | None = None,
+    start: str = "neutral",
+    report: Callable[[Status], None] | None = None,
+    stop: Event | None = None,
+    timestep: float | None = None,
+) -> Status:
     """Run the machine in real time with its host interface until stopped; returns the final status.
 
     Raises HexsimError where the address cannot be had or the machine diverges.

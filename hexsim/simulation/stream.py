@@ -197,9 +197,13 @@ def tick_row(plant: Any, loop: Any, volts: Array, readings: Readings, state: str
     """The present tick: setpoints and compensation of a loop, what it has read, its volts, the true acceleration at its end."""
     position, bottom, supply, top = readings
     signals = {
-        "setpoint": loop.setpoint, "position": position, "pressure_bottom": bottom, "valve": volts,
-        "compensation": loop.compensation, "pressure_supply": np.array([supply]),
-    }  # fmt: skip
+        "setpoint": loop.setpoint,
+        "position": position,
+        "pressure_bottom": bottom,
+        "valve": volts,
+        "compensation": loop.compensation,
+        "pressure_supply": np.array([supply]),
+    }
     if top is not None:
         signals["pressure_top"] = top
     data = plant.data

@@ -50,9 +50,15 @@ class VehicleLink(HostLink):
     largest = 65_535  # bytes of a packet
 
     def __init__(
-        self, host: str, port: int, buffer: HostBuffer, vehicle: Vehicle, cueing: Cueing, ready: Callable[[], bool],
+        self,
+        host: str,
+        port: int,
+        buffer: HostBuffer,
+        vehicle: Vehicle,
+        cueing: Cueing,
+        ready: Callable[[], bool],
         say: Callable[[str], None] = lambda text: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(host, port, buffer)
         self.vehicle, self.cueing, self.ready, self.say = vehicle, cueing, ready, say
         self.protocol = vehicle.name
@@ -133,10 +139,12 @@ class VehicleLink(HostLink):
         """The setpoint of this tick, which the buffer gets too."""
         self._sequence += 1
         command = HostCommand(
-            sequence=self._sequence % 2**32, time_s=now_s, setpoints=setpoints,
+            sequence=self._sequence % 2**32,
+            time_s=now_s,
+            setpoints=setpoints,
             command="run_normal" if self.ready() else "none",
             mode=self.motion.mode if isinstance(self.motion, RigSetpoint) else 0,
-        )  # fmt: skip
+        )
         self.buffer.add(command, now_s)
         return command
 

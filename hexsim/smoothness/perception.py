@@ -83,9 +83,15 @@ def vibration_dose(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> flo
 
 
 def felt_figures(
-    time_s: ArrayLike, axis: str, acceleration: ArrayLike, command: ArrayLike, position: ArrayLike, asked: ArrayLike, *,
+    time_s: ArrayLike,
+    axis: str,
+    acceleration: ArrayLike,
+    command: ArrayLike,
+    position: ArrayLike,
+    asked: ArrayLike,
+    *,
     start_s: float = 0.0,
-) -> dict[str, float | None]:  # fmt: skip
+) -> dict[str, float | None]:
     """Of one axis from `start_s` on: delay_ms of what is felt behind the command, time_felt and reversals_felt (shares
     above the threshold of perception), weighted_rms, mtvv, vdv (ISO 2631-1) and weighted_rms_unwanted (of the deviation), jerk_rms.
 

@@ -174,9 +174,14 @@ def _figures(case: Case, machine: Machine, settings: dict[str, Any]) -> dict[str
     scenario, machine = apply_settings(scenario, machine, settings, "sweep")
     with _ONE_A_PROCESS, _interruptible():
         run = simulate(
-            machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed, timestep=case.timestep,
+            machine,
+            scenario,
+            compensator=case.compensator,
+            fast=case.fast,
+            seed=case.seed,
+            timestep=case.timestep,
             figures_only=True,
-        )  # fmt: skip
+        )
     if "interrupted" in run.reason:
         raise KeyboardInterrupt
     figures = {

@@ -72,9 +72,10 @@ def tune(machine: Machine, progress: Callable[[float], None] = lambda fraction: 
     for k, one in enumerate((machine, after)):
         measured.append(measure(one, lambda fraction, k=k: progress(0.4 + 0.3 * (k + fraction))))
     return Tuning(
-        machines=(machine, after), margins=(worst_figures(machine), worst_figures(after)),
+        machines=(machine, after),
+        margins=(worst_figures(machine), worst_figures(after)),
         axes=(measured[0], measured[1]),
-    )  # fmt: skip
+    )
 
 
 def tuned(machine: Machine, progress: Callable[[float], None] = lambda fraction: None) -> Machine:
@@ -211,9 +212,10 @@ class Search:
                 beyond += [
                     max(0.0, phase_margin_deg - (figures.phase_margin_deg or 180.0)) / 10.0,
                     max(0.0, gain_margin_dB - (figures.gain_margin_dB or 60.0)),
-                    max(0.0, figures.peak_dB - peak_dB), 0.0 if figures.is_stable else 100.0,
+                    max(0.0, figures.peak_dB - peak_dB),
+                    0.0 if figures.is_stable else 100.0,
                     max(0.0, 20.0 * np.log10(max(self.shaken_m_s2(off), 1e-9) / SHAKEN_m_s2)),
-                ]  # fmt: skip
+                ]
         return float(np.mean(error) + penalty * np.sum(np.square(beyond)))
 
 
@@ -238,9 +240,13 @@ def measure(
         signal = Multisine(amplitudes=tuple(size), frequencies_Hz=tuple(FREQUENCIES_Hz), seed=1)
         period = 2.0  # of all frequencies
         scenario = Scenario(
-            name=f"tune-loop {axis}", mode="dof", signals={axis: signal}, duration_s=settle_s + n_periods * period,
-            fade_s=1.0, fade="smooth",
-        )  # fmt: skip
+            name=f"tune-loop {axis}",
+            mode="dof",
+            signals={axis: signal},
+            duration_s=settle_s + n_periods * period,
+            fade_s=1.0,
+            fade="smooth",
+        )
         run = simulate(machine, scenario, fast=True)
         if not run.complete:
             raise HexsimError(f"machine {machine.name}, {axis}: {run.reason}")
@@ -263,6 +269,10 @@ def axis_figures(axis: str, response: Array) -> AxisFigures:
     phase = np.degrees(np.unwrap(np.angle(response)))
     phase -= 360.0 * np.ceil((phase[0] - 90.0) / 360.0)
     return AxisFigures(
-        axis=axis, response=response, bandwidth_Hz=first_below(f, gain, -3.0), quarter_Hz=first_below(f, phase, -90.0),
-        peak_dB=float(gain.max()), delay_s=float(-np.interp(1.0, f, phase) / 360.0),
-    )  # fmt: skip
+        axis=axis,
+        response=response,
+        bandwidth_Hz=first_below(f, gain, -3.0),
+        quarter_Hz=first_below(f, phase, -90.0),
+        peak_dB=float(gain.max()),
+        delay_s=float(-np.interp(1.0, f, phase) / 360.0),
+    )

@@ -49,9 +49,13 @@ class Taught:
 
     def to_json(self) -> dict[str, Any]:
         return {
-            "compensator": self.compensator, "legs": self.learned, "started_m_s2": self.started_m_s2,
-            "plain_m_s2": self.plain_m_s2, "second_m_s2": self.second_m_s2, "final_m_s2": self.final_m_s2,
-        }  # fmt: skip
+            "compensator": self.compensator,
+            "legs": self.learned,
+            "started_m_s2": self.started_m_s2,
+            "plain_m_s2": self.plain_m_s2,
+            "second_m_s2": self.second_m_s2,
+            "final_m_s2": self.final_m_s2,
+        }
 
 
 def half_hertz_sine(

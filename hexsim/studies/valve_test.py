@@ -103,10 +103,19 @@ def valve_test(
     step = {a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), step_s) / p[P.SPOOL_TRAVEL] for a in STEPS}
     bode = {a: _bode(p, a) for a in AMPLITUDES}
     test = ValveTest(
-        signal=signal[cycle], reversal=reversal, flow_m3_s=flow[cycle], load_pressure_Pa=blocked[cycle, 0],
-        leakage_m3_s=blocked[cycle, 1], time_s=time, step=step, bode=bode, drop_Pa=drop, supply_Pa=supply, figures={},
+        signal=signal[cycle],
+        reversal=reversal,
+        flow_m3_s=flow[cycle],
+        load_pressure_Pa=blocked[cycle, 0],
+        leakage_m3_s=blocked[cycle, 1],
+        time_s=time,
+        step=step,
+        bode=bode,
+        drop_Pa=drop,
+        supply_Pa=supply,
+        figures={},
         reversed_flow_m3_s=np.array([_no_load_flow(p, x, tank + drop, tank) for x in turned]),
-    )  # fmt: skip
+    )
     test.figures.update(_figures(test))
     return test
 
@@ -203,8 +212,10 @@ def _figures(
     rated = float(np.max(np.abs(flow)))
     # the signal at which each way passes a tenth of the flow, either sign: how far the two lie apart
     levels = np.concatenate([np.linspace(0.1, 0.9, 9), -np.linspace(0.1, 0.9, 9)]) * rated
-    falling, rising = (np.interp(levels, flow[w][order], signal[w][order]) for w, order in
-                       ((down, slice(None, None, -1)), (up, slice(None))))  # fmt: skip
+    falling, rising = (
+        np.interp(levels, flow[w][order], signal[w][order])
+        for w, order in ((down, slice(None, None, -1)), (up, slice(None)))
+    )
     moved = np.abs(test.reversed_flow_m3_s - test.reversed_flow_m3_s[0]) > moved_share * rated
     ends = [_shut(signal[way], flow[way], rated) for way in (down, up)]
     steep = np.gradient(test.load_pressure_Pa[up], signal[up])

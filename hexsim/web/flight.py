@@ -103,9 +103,14 @@ class Flight:
             raise HexsimError(f"machine {machine.name} has no platform: a simulator drives hexapods")
         self.washout, self.vehicle = washout or Washout(), vehicle
         self.server = FlownServer(
-            machine, host, port, compensator=compensator, host_input=HostInput(vehicle=vehicle, washout=self.washout),
-            furnish=lambda spec: add_floor_and_light(spec, machine), stream=stream,
-        )  # fmt: skip
+            machine,
+            host,
+            port,
+            compensator=compensator,
+            host_input=HostInput(vehicle=vehicle, washout=self.washout),
+            furnish=lambda spec: add_floor_and_light(spec, machine),
+            stream=stream,
+        )
         assert isinstance(self.server.link, VehicleLink)
         self.link: VehicleLink = self.server.link
         self.address = self.server.address
@@ -192,10 +197,16 @@ class Flight:
         flown, asked, felt = np.split(kept, 3, axis=1)
         time_s = np.arange(1 - len(kept), 1, dtype=np.float64) * (self._rows.ticks * self.server.tick_s)
         return FlightShown(
-            time_s=time_s, flown=flown, asked=asked, felt=felt, state=self._state(), packets=self._packets(),
+            time_s=time_s,
+            flown=flown,
+            asked=asked,
+            felt=felt,
+            state=self._state(),
+            packets=self._packets(),
             messages=tuple(text for _, _, text in list(self.server.messages)[-3:]),
-            behind_s=status.behind_s, error=self._error,
-        )  # fmt: skip
+            behind_s=status.behind_s,
+            error=self._error,
+        )
 
     def _state(self) -> str:
         errors = self._status.errors

@@ -47,9 +47,13 @@ class FlightPage(MachinePage):
         with gui.add_folder("Gain"):
             for axis in AXES:
                 self.gains[axis] = gui.add_slider(
-                    f"Gain {axis}", -largest_gain, largest_gain, 0.05, 1.0,
+                    f"Gain {axis}",
+                    -largest_gain,
+                    largest_gain,
+                    0.05,
+                    1.0,
                     hint="Times what the washout is given; below 0 the axis is turned about.",
-                )  # fmt: skip
+                )
         with gui.add_folder("Smoothing", expand_by_default=False):
             for axis in AXES:
                 self.lags[axis] = gui.add_slider(f"Smoothing {axis} [ms]", 0.0, longest_ms, 10.0, 0.0)
@@ -71,9 +75,10 @@ class FlightPage(MachinePage):
     def _shape(self, axis: str) -> AxisShape:
         unit = 1.0 / DEG if IS_TURN[axis] else 1.0
         return AxisShape(
-            gain=float(self.gains[axis].value), smoothing_s=1e-3 * float(self.lags[axis].value),
+            gain=float(self.gains[axis].value),
+            smoothing_s=1e-3 * float(self.lags[axis].value),
             dead_band=unit * float(self.bands[axis].value),
-        )  # fmt: skip
+        )
 
     def _as_begun(self) -> None:
         for handles, value in ((self.gains, 1.0), (self.lags, 0.0), (self.bands, 0.0)):
@@ -95,9 +100,12 @@ class FlightPage(MachinePage):
                     uplot.Series(label="asked", stroke=BOTTOM, width=2, dash=(6, 4)),
                     uplot.Series(label="felt", stroke=TOP, width=2),
                 ),
-                scales=_scales(1.0), axes=_axes("m/s²"), legend=uplot.Legend(live=False), height=340,
+                scales=_scales(1.0),
+                axes=_axes("m/s²"),
+                legend=uplot.Legend(live=False),
+                height=340,
                 padding=(14, 24, 0, 0),
-            )  # fmt: skip
+            )
             self.notes = gui.add_html("")
         self._frame: tuple[float, str] | None = None
         panel.dock_left()

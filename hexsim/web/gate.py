@@ -42,8 +42,11 @@ NAMES = (LOOPBACK, "localhost")
 LARGEST_MESSAGE = 1 << 16  # bytes; a camera takes 300
 MOST_REFUSED = 100  # messages of a connection, then it is closed
 CAMERA = {field.name: 1 for field in fields(_messages.ViewerCameraMessage)} | {
-    "wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3,
-}  # fmt: skip
+    "wxyz": 4,
+    "position": 3,
+    "look_at": 3,
+    "up_direction": 3,
+}
 HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Frame-Options": "DENY",
@@ -181,8 +184,10 @@ def _behind(gate: Gate):
         gate.is_used = True
         options |= {
             "process_request": functools.partial(gate.answer, options["process_request"]),
-            "create_connection": gated_connection(gate), "max_size": LARGEST_MESSAGE, "logger": quiet,
-        }  # fmt: skip
+            "create_connection": gated_connection(gate),
+            "max_size": LARGEST_MESSAGE,
+            "logger": quiet,
+        }
         return serve(handler, host, port, **options)
 
     websockets.asyncio.server.serve = gated  # type: ignore[assignment]

@@ -68,9 +68,11 @@ class Session:
             self.waves[scenario.name] = own
         self.scenario = scenario
         self.asked = Asked(
-            motion=scenario.name, compensator=compensator, amplitude=own.amplitude if own else None,
+            motion=scenario.name,
+            compensator=compensator,
+            amplitude=own.amplitude if own else None,
             frequency_Hz=own.frequency_Hz if own else None,
-        )  # fmt: skip
+        )
         self._lock = threading.Lock()  # of machine and recent motion
         self._wanted = self._handled = self._present = self.asked
         self._recent, self._stream = RecentMotion(), stream
@@ -219,8 +221,13 @@ class Session:
         with self._lock:
             if live is self.live and since == self._since_s:
                 self._shown = replace(
-                    self._shown, asked=self._present, figures=figures or self._shown.figures, time_s=live.time_s, speed=self._speed,
+                    self._shown,
+                    asked=self._present,
+                    figures=figures or self._shown.figures,
+                    time_s=live.time_s,
+                    speed=self._speed,
                     error=self._error or (CUT if live.out_of_reach else ""),
-                    warnings=tuple(live.cavitation.told)[-3:], known=live.loop.known,
-                )  # fmt: skip
+                    warnings=tuple(live.cavitation.told)[-3:],
+                    known=live.loop.known,
+                )
             return self._shown

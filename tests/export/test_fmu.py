@@ -51,9 +51,11 @@ class Fmu:
     def instance(self, parameters: dict[str, float] | None = None, stop_time: float | None = None) -> FMU2Slave:
         """A slave before the end of its initialisation."""
         slave = FMU2Slave(
-            guid=self.description.guid, unzipDirectory=self.folder,
-            modelIdentifier=self.description.coSimulation.modelIdentifier, instanceName="one",
-        )  # fmt: skip
+            guid=self.description.guid,
+            unzipDirectory=self.folder,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="one",
+        )
         slave.instantiate(callbacks=self._callbacks())
         slave.setupExperiment(stopTime=stop_time)
         self.initialise(slave, parameters or {})
@@ -452,9 +454,11 @@ def test_every_variable_has_its_unit(fmus):
     assert units["acceleration_z_m_s2"] == "m/s2"
     assert units["friction.viscous_extend_N_s_m"] == "N.s/m"
     assert {name for name, unit in units.items() if unit is None} == {
-        "cylinder.rod_side_conductance_m3_s_sqrtPa", "valve.discharge_coefficient", "valve.spool_damping",
+        "cylinder.rod_side_conductance_m3_s_sqrtPa",
+        "valve.discharge_coefficient",
+        "valve.spool_damping",
         "valve.laminar_reynolds",
-    }  # fmt: skip
+    }
 
 
 def test_the_command_writes_it(tmp_path):

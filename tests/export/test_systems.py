@@ -43,9 +43,11 @@ class Slave:
         description = fmpy.read_model_description(unpacked)
         self.references = {v.name: v.valueReference for v in description.modelVariables}
         self.fmu = FMU3Slave(
-            guid=description.guid, unzipDirectory=unpacked, instanceName="one",
+            guid=description.guid,
+            unzipDirectory=unpacked,
+            instanceName="one",
             modelIdentifier=description.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        )
         self.said: list[str] = []
         logger = fmi3LogMessageCallback(lambda *given: self.said.append(given[3].decode()))
         self.fmu.instantiate(logMessage=logger)
@@ -128,9 +130,11 @@ def test_fmi3_refuses_through_the_logger(path, tmp_path):
         with pytest.raises(FMICallException):
             act()
     assert [said.split(":")[0] for said in slave.said] == [
-        "friction.coulomb_extend_N = -1", "volts of valve 1 are nan", "a step before the initialisation",
+        "friction.coulomb_extend_N = -1",
+        "volts of valve 1 are nan",
+        "a step before the initialisation",
         "a communication step of 0 s",
-    ]  # fmt: skip
+    ]
 
 
 def test_two_systems_in_one_file_below_5_MB(path):

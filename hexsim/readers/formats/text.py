@@ -184,9 +184,14 @@ class Cells:
         """Fill raw.signals: fast when all cells of numbers are such; else cell by cell with each failure counted."""
         kinds = [pl.Float64 if numbers else pl.String for numbers in self.table.numbers]
         options: dict[str, Any] = {
-            "has_header": False, "new_columns": self.header, "separator": self.separator, "n_rows": self.most,
-            "comment_prefix": self.comment, "raise_if_empty": False, "decimal_comma": self.table.decimal_comma,
-        }  # fmt: skip
+            "has_header": False,
+            "new_columns": self.header,
+            "separator": self.separator,
+            "n_rows": self.most,
+            "comment_prefix": self.comment,
+            "raise_if_empty": False,
+            "decimal_comma": self.table.decimal_comma,
+        }
         try:
             table = pl.read_csv(text, schema_overrides=kinds, **options)
             if table.width != len(self.header):

@@ -49,10 +49,12 @@ class UffReader(Reader):
             clock = clock if np.array_equal(clock, time) else time
             raw.signals.append(
                 RawSignal(
-                    name=unique(name_of(one, number), raw), values=values.astype(float), stamps={"abscissa": clock},
+                    name=unique(name_of(one, number), raw),
+                    values=values.astype(float),
+                    stamps={"abscissa": clock},
                     unit=label(one.get("ordinate_axis_units_lab")),
                 )
-            )  # fmt: skip
+            )
         if not raw.signals:
             raise HexsimError(f"{path} holds no data set 58 over time{raw.unread()}")
         return raw
