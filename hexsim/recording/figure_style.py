@@ -9,12 +9,14 @@ from io import BytesIO
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
+import numpy as np
 from cycler import cycler
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, NullLocator
+from PIL import Image
 
 from hexsim.recording import palette
 
@@ -204,10 +206,14 @@ def direction_colors() -> tuple[str, str]:
 def png(figure: Figure, dpi: int = DPI) -> bytes:
     """The figure as the bytes of a PNG file, drawn once: `savefig` lays out, then draws twice.
 
-    Level 1 of compression: 20 % more bytes in a third of the time.
+    Without the alpha channel, for figures are opaque: a tenth fewer bytes. Level 2 of compression: 10 % more bytes than
+    level 6 in two thirds of the time.
     """
     buffer = BytesIO()
     figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
     with matplotlib.rc_context(STYLE):
-        FigureCanvasAgg(figure).print_png(buffer, pil_kwargs={"compress_level": 1})
+        canvas.draw()
+    rgb = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    Image.fromarray(rgb).save(buffer, "png", compress_level=2, dpi=(dpi, dpi))
     return buffer.getvalue()
