@@ -50,12 +50,19 @@ class Host:
     it settles nothing, see `settle`. measured: the telemetry of a motion that is driven, or was broken off.
     """
 
-    def __init__(self, address: tuple[str, int], machine: Machine | None = None, *, largest: float = 1.0) -> None:
+    def __init__(
+        self,
+        address: tuple[str, int],
+        machine: Machine | None = None,
+        *,
+        largest: float = 1.0,
+        patience_s: float = 3.0,  # without a reply: the machine is gone. A lost packet or a busy computer take tenths of it
+    ) -> None:
         self.machine = machine
         self.limiter = HostLimiter(machine, largest) if machine is not None else None
         self._gate = Gate(self.limiter)
         self._back: deque[Array] = deque()  # rows that lead to neutral
-        self._link = Link(address)
+        self._link = Link(address, patience_s)
         self.time_s, self.sequence, self._lost = 0.0, 0, False
         self.measured: list[Telemetry] = []
         self._answered: Reply | None = None  # that was looked at last

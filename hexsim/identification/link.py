@@ -34,13 +34,8 @@ class Link:
     patience_s: without a reply, by the host's clock, until the link is lost.
     """
 
-    def __init__(
-        self,
-        address: tuple[str, int],
-        *,
-        silent_s: float = 3.0,  # without a reply: the machine is gone. A lost packet or a busy computer take tenths of it
-    ) -> None:
-        self.address, self.patience_s = address, silent_s
+    def __init__(self, address: tuple[str, int], patience_s: float) -> None:
+        self.address, self.patience_s = address, patience_s
         self.reply: Reply | None = None
         self.telemetry: deque[Telemetry] = deque(maxlen=READ)
         self.instead = ""  # what came and could not be used, in words

@@ -59,7 +59,9 @@ def test_a_figure_drawn_once_is_that_of_savefig(monkeypatch):
             figure.savefig(usual, format="png", dpi=60)
         usual.seek(0)
         opaque = read_png(usual)
-        assert np.all(opaque[..., 3] == 1.0) and np.array_equal(read_png(io.BytesIO(drawn[name])), opaque[..., :3]), name
+        assert np.all(opaque[..., 3] == 1.0) and np.array_equal(read_png(io.BytesIO(drawn[name])), opaque[..., :3]), (
+            name
+        )
 
 
 def test_the_deviation_is_the_bump_that_was_drawn():
