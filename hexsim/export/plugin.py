@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
@@ -48,11 +48,17 @@ def attributes() -> dict[str, tuple[int, int]]:
     }
 
 
-def export_plugin(machine: Machine, out: Path, timestep: float | None = None) -> list[Path]:
+def export_plugin(
+    machine: Machine,
+    out: Path,
+    timestep: float | None = None,
+    systems: Sequence[str] = ("linux64", "win64", "macos"),
+) -> list[Path]:
     """Write the plugin's libraries for Linux, Windows and macOS and MACHINE.xml into the folder `out`; the files.
 
-    timestep [s] of the MJCF, RK4; None: MODEL_STEP_S. Raises HexsimError for a machine whose supply or valves have states outside
-    the leg, where the compiler is not installed, the system is no Linux, or `out` cannot be written.
+    timestep [s] of the MJCF, RK4; None: MODEL_STEP_S. systems: names of `toolchain.SYSTEMS`. Raises HexsimError for a machine
+    whose supply or valves have states outside the leg, where the compiler is not installed, the system is no Linux, or `out`
+    cannot be written.
     """
     step = MODEL_STEP_S if timestep is None else timestep
     if not 1e-6 <= step <= 1e-3:
@@ -64,15 +70,12 @@ def export_plugin(machine: Machine, out: Path, timestep: float | None = None) ->
     except OSError as error:
         raise HexsimError(f"cannot write {out}: {error.strerror or error}; give --out a folder") from None
     contents = {f"{file_name(machine.name)}.xml": machine_xml(plant).encode()}
-    contents |= {f"{system.prefix}hexsim_leg{system.suffix}": library(system) for system in systems()}
+    of_systems = [SYSTEMS[name] for name in systems]
+    contents |= {f"{system.prefix}hexsim_leg{system.suffix}": library(system) for system in of_systems}
     for name, content in contents.items():
         with written_whole(out / name) as begun:
             begun.write_bytes(content)
     return [out / name for name in contents]
-
-
-def systems() -> list[System]:
-    return [SYSTEMS[name] for name in ("linux64", "win64", "macos")]
 
 
 def refuse_what_is_outside(plant: Plant) -> None:

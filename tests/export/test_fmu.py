@@ -462,11 +462,12 @@ def test_every_variable_has_its_unit(fmus):
 
 
 def test_the_command_writes_it(tmp_path):
-    """`hexsim export fmu MACHINE --out FILE`; a step that is none is a sentence and leaves no file."""
+    """`hexsim export fmu MACHINE --out FILE --linux-only`; a step that is none is a sentence and leaves no file."""
     out = tmp_path / "bench.fmu"
-    done = CliRunner().invoke(app, ["export", "fmu", "bench", "--what", "plant", "--out", str(out), "--json"])
+    command = ["export", "fmu", "bench", "--what", "plant", "--linux-only", "--out", str(out), "--json"]
+    done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
-    assert json.loads(done.stdout)["outputs"] == 5
+    assert json.loads(done.stdout)["outputs"] == 5 and json.loads(done.stdout)["systems"] == ["linux64"]
     assert out.stat().st_size < 5e6
     bad = CliRunner().invoke(app, ["export", "fmu", "bench", "--out", str(tmp_path / "no.fmu"), "--timestep", "0.1"])
     assert bad.exit_code == 2
