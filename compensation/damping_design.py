@@ -21,7 +21,7 @@ from .compiled import compiled
 from .least_squares import add_row, solve, start_least_squares
 from .records import record
 
-MAX_DAMPING_TAPS = 16
+MAX_DAMPING_TAPS = 16  # 32 ms at 500 Hz
 WORK = record(  # least_squares.py
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)),
     row=("f8", (MAX_DAMPING_TAPS + 1,)),

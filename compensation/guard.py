@@ -41,9 +41,9 @@ FROZEN_MARGIN = (
 FROZEN_STROKE = 0.25  # of the stroke: the same of a coarse pressure, which only the load's changes move
 SATURATED_TICKS = 5  # after which a saturated valve is a fault
 SATURATED_SHARE = 0.999  # of the voltage range
-HOLD_OFF_S = 0.5
-RETURN_S = 1.0
-
+HOLD_OFF_S = 0.5  # of plain control after a fault
+RETURN_S = 1.0  # in which the algorithm's volts are faded in again
+# so long its volts may be bounded; each fault of its own holds it off so many times as long, up to the sixth: half an hour
 BEYOND_S, HOLD_OFF_RATIO, MOST_OWN_FAULTS = 0.05, 4, 6
 
 SOUND, LOST, POSITION_FROZEN, PRESSURE_FROZEN, VALVE_AT_END, NOT_FINITE, BEYOND = 0, 8, 16, 32, 64, 256, 512

@@ -83,7 +83,7 @@ def prediction_table() -> np.ndarray:
     return table
 
 
-STEP_TICKS = 12
+STEP_TICKS = 12  # of the parabola that a step is told from
 STEP_ROW = _row(2, STEP_TICKS, 1)
 
 

@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from hexsim.errors import HexsimError, shortened
 
-EXIT_CODE = 2
+EXIT_CODE = 2  # of every refusal, as Click's own
 UsageError: Any = typer.BadParameter.__bases__[0]  # click's, which newer versions of Typer hold inside
 TAG = re.compile(r"(\\*)(\[[a-z#/@][^[]*?\])")  # what Rich takes for markup
 MOVED = {

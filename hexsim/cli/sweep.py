@@ -17,7 +17,7 @@ from hexsim.cli.console import output, print_json, progress, terminated_like_int
 from hexsim.cli.errors import say
 from hexsim.errors import HexsimError, shortened
 
-CONNECT_TIMEOUT_S = 10
+CONNECT_TIMEOUT_S = 10  # a scheduler that is there answers within one
 
 
 def register(app: typer.Typer) -> None:

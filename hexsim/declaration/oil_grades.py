@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-KELVIN = 273.15
+KELVIN = 273.15  # [K] of 0 degC
 
 
 @dataclass(frozen=True, kw_only=True)

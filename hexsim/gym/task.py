@@ -34,7 +34,6 @@ ERROR_m, VELOCITY_m_s, ACCELERATION_m_s2, DEVIATION_m_s2 = 1e-3, 0.1, 0.5, 0.2  
 BAND_Hz = (4.0, 50.0)  # above the motions, whose lag is no jolt
 N_SEEN = 8  # numbers a leg in an observation
 LARGEST = 10.0  # of a number in an observation
-SHARPEST_STEPS_A_SECOND = 1e5
 
 
 def default_machine() -> Machine:

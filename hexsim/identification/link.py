@@ -20,7 +20,6 @@ from hexsim.motion_computer.telemetry import LARGEST_PACKET, MAGIC, Telemetry, u
 
 REFUSED_s = 0.05  # between two packets to it
 READ = 512  # packets at most between two of the host's: a log of 10 kHz, a row a packet, sends 100
-FASTEST_LOG_Hz = 20_000.0  # of telemetry that is kept: no transducer of a motion system is read faster
 JUMP_s = 1.5  # by which a machine's clock may run ahead of the host's between two replies: a server makes up for 1 s
 
 
@@ -195,12 +194,17 @@ class Link:
         self.reply, self._heard_s = reply, now
         return reply.sequence
 
-    def _take_telemetry(self, rows: Telemetry) -> None:
+    def _take_telemetry(
+        self,
+        rows: Telemetry,
+        *,
+        fastest_Hz: float = 20_000.0,  # of telemetry that is kept: no transducer of a motion system is read faster
+    ) -> None:
         """Keep what continues the telemetry before it, on the machine's own clock: nothing grows without machine time."""
         self._useless += 1
         newest_s = self.reply.time_s if self.reply is not None else 0.0
-        if rows.rate_Hz > FASTEST_LOG_Hz:
-            self.instead = f"telemetry at {rows.rate_Hz:g} rows a second, at most {FASTEST_LOG_Hz:g} can be"
+        if rows.rate_Hz > fastest_Hz:
+            self.instead = f"telemetry at {rows.rate_Hz:g} rows a second, at most {fastest_Hz:g} can be"
         elif not self._rows_until_s - 0.5 / rows.rate_Hz < rows.time_s <= newest_s + JUMP_s:
             if rows.time_s > newest_s:
                 self.instead = (

@@ -18,7 +18,7 @@ from hexsim.inference.verdict import Judgment, Remainder, judge, needed, with_op
 
 Array = np.ndarray
 OWN = 1e-3  # of a column's size beside the others: below it there is nothing of its own
-MOST_TRIED = 9
+MOST_TRIED = 9  # candidates that are fitted in a round at most
 
 
 class Candidate(Protocol):

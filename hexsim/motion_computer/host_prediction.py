@@ -28,17 +28,17 @@ from hexsim.motion_computer.host_process import FEWEST, POINTS, TREND, LENGTHS_s
 
 Array = NDArray[np.float64]
 KEPT = 64  # setpoints, and fits
-AXES = 6
+AXES = 6  # of a pose
 ORDERS_AND_COUNTS = np.array(  # by the number of setpoints, so that sums over them go on from one to the next
     [(0, 1), (1, 2), (2, 3), (2, 4), (3, 4), (3, 5), (1, 6), (3, 6), (4, 6), (2, 8), (4, 8), (3, 12), (5, 12), (2, 16),
      (4, 16), (3, 24), (5, 24), (4, 32), (5, 48)]
 )  # fmt: skip
-PLAIN, TERMS = len(ORDERS_AND_COUNTS), 6
+PLAIN, TERMS = len(ORDERS_AND_COUNTS), 6  # first that uses derivatives; coefficients of a polynomial of order 5
 ORDERS_AND_COUNTS = np.vstack([ORDERS_AND_COUNTS, [(2, 1), (3, 2), (4, 2), (3, 3), (4, 3), (5, 4)]])
 POLYNOMIALS = len(ORDERS_AND_COUNTS)  # those from PLAIN on use derivatives
 PREDICTORS = POLYNOMIALS + len(LENGTHS_s)  # those from POLYNOMIALS on are processes
 MEMORY_S = 0.2  # of the squared errors
-RATE_S = 0.04  # T_e
+RATE_S = 0.04  # T_e: over which an error counts as one of the rate
 FLOOR = 2e-7  # e_0 [m or rad]
 # e_0 [m, rad] of the predictors without derivatives, where packets carry them. Translations of a washout are smooth; its tilt is
 # behind a rate limit, and second derivatives change within a packet.

@@ -19,8 +19,8 @@ from hexsim.declaration import Machine
 from hexsim.motion_computer.loop_model import Loop, loops
 
 Array = NDArray[np.float64]
-DELAY_AT_Hz = 1.0
-POINTS = 400
+DELAY_AT_Hz = 1.0  # where the phase of a loop of a few hertz is still a delay
+POINTS = 400  # frequencies of a curve
 
 
 @dataclass(frozen=True, kw_only=True)

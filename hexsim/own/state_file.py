@@ -23,7 +23,7 @@ from hexsim.inference.notebook import Entry, Notebook
 from hexsim.signals.log import Log
 
 FILE = "own_trace_state.json"
-FORMAT = 1
+FORMAT = 1  # of the file; another one is not read
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,7 +43,7 @@ from hexsim.plant.states import ROW
 from hexsim.plant.structs import time_view, timestep_view
 
 Array = NDArray[np.float64]
-RK4_STAGES = 4
+RK4_STAGES = 4  # evaluations of a step
 BAND_Hz = 50.0  # in which motion is judged
 KICK = (
     2.0 * BAND_Hz

@@ -23,8 +23,8 @@ from hexsim.recording import palette
 Parameters = ParamSpec("Parameters")
 Drawn = TypeVar("Drawn")
 
-WIDTH_IN = 9.6
-DPI = 150
+WIDTH_IN = 9.6  # of a page
+DPI = 150  # sharp on a screen of two pixels a point
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,

@@ -28,7 +28,6 @@ from hexsim.recording.config import config_tables
 from hexsim.signals.table import places
 from hexsim.simulation import Run
 
-FRAME_RATE_Hz = 50.0
 POSE = (*(f"platform_{axis}_m" for axis in "xyz"), *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")))
 
 
@@ -117,11 +116,15 @@ def _stamp(stamp_ns: int) -> dict[str, int]:
     return {"sec": stamp_ns // 1_000_000_000, "nsec": stamp_ns % 1_000_000_000}
 
 
-def _frames(log: pl.DataFrame) -> Iterator[tuple[int, bytes]]:
+def _frames(
+    log: pl.DataFrame,
+    *,
+    frame_rate_Hz: float = 50.0,  # of poses: a viewer draws no more
+) -> Iterator[tuple[int, bytes]]:
     """Poses of the platform, in the world whose origin is the platform's neutral place."""
 
     time = log["time_s"].to_numpy()
-    every = max(1, round(1.0 / (FRAME_RATE_Hz * (time[1] - time[0])))) if len(time) > 1 else 1
+    every = max(1, round(1.0 / (frame_rate_Hz * (time[1] - time[0])))) if len(time) > 1 else 1
     poses = log.select(POSE).to_numpy()[::every]
     turns = scipy.spatial.transform.Rotation.from_euler("ZYX", poses[:, :2:-1]).as_quat()
     for stamp, pose, turn in zip(_stamps(time[::every]), poses.tolist(), turns.tolist(), strict=True):

@@ -13,7 +13,7 @@ from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, small_multiples, styled
 
 RATE_Hz = 500.0
-PUSH_s = 4.0
+PUSH_s = 4.0  # that the vehicle accelerates
 
 
 def push(

@@ -12,7 +12,7 @@ from hexsim.errors import HexsimError
 
 POUND_kg = 0.45359237
 INCH_m = 0.0254
-STANDARD_GRAVITY = 9.80665
+STANDARD_GRAVITY = 9.80665  # [m/s2], exact as pound, inch and gallon are
 PSI_Pa = POUND_kg * STANDARD_GRAVITY / INCH_m**2
 GALLON_m3 = 3.785411784e-3
 DEGREE = math.pi / 180

@@ -17,7 +17,7 @@ from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant import Plant
 
-EXPONENT = 1.3
+EXPONENT = 1.3  # [-] of the gas: between isothermal and adiabatic in the seconds of a descent
 
 
 class EmergencySupply:

@@ -49,7 +49,7 @@ from hexsim.simulation.telemetry import TelemetryRows
 from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
 
 Array = NDArray[np.float64]
-PORT = 47110
+PORT = 47110  # UDP; any that is free would do
 
 
 @dataclass(frozen=True, kw_only=True)

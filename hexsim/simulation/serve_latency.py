@@ -18,7 +18,6 @@ from hexsim.smoothness import band_limit, response_delay_s
 
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
-BAND_Hz = 10.0
 
 
 class LatencyLog:
@@ -47,6 +46,7 @@ class LatencyLog:
         *,
         least_s: float = 2.0,  # of the last motion
         least_m_s2: float = 0.01,  # rms asked for along an axis, or rad/s2
+        band_Hz: float = 10.0,  # of what is compared: slower than the bumps, quicker than the washout
     ) -> dict[str, float]:
         """Axis -> latency [ms], of the axes that the host has moved."""
 
@@ -62,10 +62,10 @@ class LatencyLog:
         if known.sum() < least_s / (time[1] - time[0]):
             return {}
         time = np.arange(known.sum()) * (time[1] - time[0])
-        asked = band_limit(time, scipy.interpolate.CubicSpline(sent, poses)(host[known], 2), BAND_Hz)
+        asked = band_limit(time, scipy.interpolate.CubicSpline(sent, poses)(host[known], 2), band_Hz)
         found = {}
         for column, place in enumerate(self.places):
             if np.std(asked[:, place]) > least_m_s2:
-                answer = band_limit(time, felt[known][:, column], BAND_Hz)
+                answer = band_limit(time, felt[known][:, column], band_Hz)
                 found[AXES[place]] = 1e3 * response_delay_s(time, answer, asked[:, place])
         return found

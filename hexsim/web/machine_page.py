@@ -15,7 +15,7 @@ from mjviser import ViserMujocoScene
 
 from hexsim.web.gate import LOOPBACK, open_server
 
-PANEL_PX, SLIDERS_PX = 430, 350
+PANEL_PX, SLIDERS_PX = 430, 350  # width of the panel and of its sliders
 
 
 class Simulated(Protocol):
