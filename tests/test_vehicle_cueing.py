@@ -9,18 +9,7 @@ import numpy as np
 import pytest
 
 from hexsim.cli.flown import vehicle_of
-from hexsim.cueing.protocols import (
-    PROTOCOLS,
-    RREF_NAMES,
-    VehicleMotion,
-    beamng,
-    flightgear,
-    outsim,
-    rref_requests,
-    xplane,
-    xplane12,
-    xplane_rref,
-)
+from hexsim.cueing.protocols import PROTOCOLS, RREF_NAMES, VehicleMotion, rref_requests
 from hexsim.cueing.toml_protocol import protocol
 from hexsim.cueing.washout import Washout, poses, washout_of
 from hexsim.errors import HexsimError
@@ -29,6 +18,10 @@ from hexsim.motion_computer.states import State
 from hexsim.recording.washout_figure import washout_figure
 from hexsim.simulation.serve import HostInput, Server
 from hexsim.simulation.vehicle_link import Vehicle
+
+beamng, flightgear, outsim, xplane, xplane12, xplane_rref = (
+    PROTOCOLS[name] for name in ("beamng", "flightgear", "outsim", "xplane", "xplane12", "xplane-rref")
+)
 
 FOOT = 0.3048
 

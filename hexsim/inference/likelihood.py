@@ -260,9 +260,9 @@ def least(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], evaluat
         found = least_squares(
             residuals,
             begin[free],
-            jac=jacobian,
+            jac=jacobian,  # pyright: ignore[reportArgumentType]
             bounds=(low[free], high[free]),
-            x_scale=scale[free],  # pyright: ignore[reportArgumentType]
+            x_scale=scale[free],
             max_nfev=evaluations,
             xtol=1e-10,
             ftol=1e-8,

@@ -24,7 +24,7 @@ from hexsim.motion_computer.loop_model import L, leg_at, leg_slopes
 from hexsim.signals.table import table
 
 Array = NDArray[np.float64]
-STATES = {
+STATES: dict[int, str] = {
     L.P1: "pressure_bottom",
     L.P2: "pressure_top",
     L.X: "spool",

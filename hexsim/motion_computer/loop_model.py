@@ -115,7 +115,7 @@ def leg_slopes(at: Array, p: Array, supply_Pa: float) -> tuple[Array, list[int]]
     slopes = np.column_stack(
         [(rates(at + h * e) - rates(at - h * e)) / (2 * h) for h, e in zip(STEPS, np.eye(7), strict=True)]
     )
-    there = [L.P1, L.Y, L.V]
+    there: list[int] = [L.P1, L.Y, L.V]
     if p[P.ROD_SIDE_CHAMBER] > 0.0:
         there.insert(1, L.P2)
     if p[P.SPOOL_OMEGA] > 0.0:

@@ -216,7 +216,7 @@ class LegMonitor:
         )
         findings = []
         for i in np.flatnonzero(codes):
-            error, text = LEG_FINDINGS[int(codes[i])]
+            error, text = LEG_FINDINGS[Reading(codes[i])]
             findings.append(Finding(error=error, leg=int(i) + 1, detail=text.format(leg=i + 1)))
             if error == Error.SENSOR:
                 self.usable[i] = False
