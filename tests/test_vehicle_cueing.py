@@ -443,10 +443,11 @@ def take_off(seconds: float, folder) -> list[tuple[float, bytes]]:
     return packets
 
 
-def test_a_take_off_is_felt(tmp_path) -> None:
+def test_a_take_off_is_felt(tmp_path, monkeypatch) -> None:
     """JSBSim's C172 takes off and is pulled up: packets at 60 Hz, 5 % lost, up to 5 ms late, on the tuned machine. Full
     throttle pushes forward, the pull-up raises; the machine follows the washout without a fault, and what is felt comes
     at most 40 ms after the setpoint in every axis that moves."""
+    monkeypatch.chdir(tmp_path)  # JSBSim leaves a table where it runs
     rng, packets = np.random.default_rng(0), take_off(19.0, tmp_path)
     found = [flightgear(data) for _, data in packets]
     assert all(isinstance(one, VehicleMotion) for one in found) and len(found) > 1000
