@@ -56,7 +56,7 @@ class Repetitive(Adaptive):
         self,
         context: Context,
         *,
-        most_period_s: float = 20.0,
+        most_period_s: float = 20.0,  # of a motion that repeats
         least_ticks: int = 20,  # in a period
     ) -> RepetitiveState:
         base = super().start(context)

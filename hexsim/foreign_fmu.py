@@ -117,7 +117,7 @@ class ForeignFmu:
 def _watch(
     reference: weakref.ref[ForeignFmu],
     *,
-    late_check_s: float = 0.05,
+    late_check_s: float = 0.05,  # between two looks whether it hangs
 ) -> None:
     """Kill the process once it is late; end with it."""
     while (fmu := reference()) is not None and fmu._process.poll() is None:
@@ -162,7 +162,7 @@ def _send(stream: IO[bytes], message: dict[str, Any]) -> None:
 def _receive(
     stream: IO[bytes],
     *,
-    message_bytes: int = 64 << 20,
+    message_bytes: int = 64 << 20,  # of a reply: more than the variables of any FMU
 ) -> dict[str, Any]:
     """The next message. EOFError at the end, ValueError for what is none."""
     head = stream.read(LENGTH.size)

@@ -104,7 +104,7 @@ def _drop_output() -> None:
 def say(
     sentence: str,
     *,
-    most_characters: int = 2000,  # characters
+    most_characters: int = 2000,  # a screenful
 ) -> None:
     """One line on stderr."""
     typer.echo(f"hexsim: {shortened(' '.join(sentence.split()), most_characters)}", err=True)

@@ -157,9 +157,9 @@ def show(
     machine: LiveMachine,
     seconds: float | None = None,
     *,
-    frame_s: float = 1.0 / 60.0,
+    frame_s: float = 1.0 / 60.0,  # of a screen
     longest_s: float = 0.1,  # a computer that is slower than real time shows slow motion instead of standing still
-    closing_s: float = 5.0,
+    closing_s: float = 5.0,  # for the viewer's thread to end
 ) -> None:
     """Run the viewer until its window is closed, or for `seconds`."""
     from mujoco.viewer import launch_passive

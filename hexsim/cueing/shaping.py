@@ -65,7 +65,7 @@ class Shaping:
         acceleration: ArrayLike,
         rates: ArrayLike,
         *,
-        follow_s: float = 0.5,
+        follow_s: float = 0.5,  # lag by which changed numbers come in
     ) -> Array:
         """The shaped motion (6,) [m/s2, rad/s] for accelerations (3,) and rates (3,)."""
         given = np.concatenate((np.asarray(acceleration, dtype=float), np.asarray(rates, dtype=float)))

@@ -219,7 +219,7 @@ def run_folder(out: Path) -> Iterator[RunFolder]:
 def _remove_abandoned(
     parent: Path,
     *,
-    young_s: float = 10.0,
+    young_s: float = 10.0,  # a younger one may be of a run that is about to write
 ) -> None:
     """Folders and locks whose run was killed: nobody holds them, and they are no younger than a run takes to begin."""
     for file in parent.glob(f"{WRITING}*{LOCK}"):

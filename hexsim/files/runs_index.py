@@ -51,7 +51,7 @@ def write_index(root: Path) -> None:
 def page_of(
     root: Path,
     *,
-    most_rows: int = 1000,
+    most_rows: int = 1000,  # that a browser lays out at once
 ) -> str:
     pages = []
     for path in root.glob("*/report.html"):

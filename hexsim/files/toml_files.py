@@ -28,7 +28,7 @@ PLAINLY = {
 def read_toml(
     path: Path,
     *,
-    most_bytes: int = 10_000_000,
+    most_bytes: int = 10_000_000,  # of settings written by hand, a thousand times over
 ) -> dict[str, Any]:
     """The tables of a TOML file, or a HexsimError that names the file and line."""
     try:
@@ -78,7 +78,7 @@ def validation_sentence(
     error: ValidationError,
     model: Any,
     *,
-    most_problems: int = 3,
+    most_problems: int = 3,  # that one sentence holds
 ) -> str:
     """The problems of a pydantic error as one sentence: table, key, what was given, what is allowed.
 

@@ -91,7 +91,7 @@ class Task:
         self,
         random: np.random.Generator,
         *,
-        fade_s: float = 1.0,
+        fade_s: float = 1.0,  # from rest into the motion
     ) -> Scenario:
         """A sine of drawn size and frequency, up or down first."""
         size = random.uniform(*self.amplitude_m) * random.choice((-1.0, 1.0))

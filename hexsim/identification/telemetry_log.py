@@ -107,9 +107,9 @@ def _in_range(
     *,
     stroke_share: float = 0.05,  # of the stroke, by which a transducer may read beyond it: its zero is known so well
     pressure_ratio: float = 1.5,  # times what a chamber can hold: shocks
-    volts_ratio: float = 1.1,
+    volts_ratio: float = 1.1,  # times the valve's range
     most_m_s2: float = 100.0,  # ten times gravity: the range of a platform's accelerometer is smaller
-    most_rad_s2: float = 1000.0,
+    most_rad_s2: float = 1000.0,  # the same at 0.1 m from the axis
 ) -> None:
     """By the declaration: stroke, pressures that the chambers can hold, the valve's volts."""
     if n != machine.n_legs:

@@ -106,7 +106,7 @@ def log_density(problem: Problem, at: list[int], own: Fit) -> float:
 def mean_over_error(
     d: Array,
     *,
-    lags: int = 3,
+    lags: int = 3,  # blocks over which neighbours may be correlated
 ) -> float:
     """t of a mean whose neighbours are correlated (Newey and West 1987)."""
     n, e = len(d), d - d.mean()

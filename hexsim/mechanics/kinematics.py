@@ -47,7 +47,7 @@ def neutral_height(
     platform: Array,
     mean_length_m: float,
     *,
-    tolerance_m: float = 1e-14,
+    tolerance_m: float = 1e-14,  # of a leg of a metre: its rounding
 ) -> float:
     """h at which the legs from base to platform joints (6, 3) are `mean_length_m` long in the mean: from leg 1, then Newton."""
     level = (platform - base) * [1.0, 1.0, 0.0]

@@ -88,7 +88,7 @@ def _pieces_of(size: int) -> int:
 def unpack_piece(
     data: bytes,
     *,
-    most_legs: int = 6,
+    most_legs: int = 6,  # of a hexapod
 ) -> Piece | str:
     """The piece that a packet is, or why it is none, as text. Never raises.
 

@@ -33,7 +33,7 @@ def _ahead(
     sequence: int,
     command: HostCommand,
     *,
-    half: int = 2**31,
+    half: int = 2**31,  # of the sequence's range: what is ahead by more is behind
 ) -> int:
     """By how much the sequence of a packet is ahead of another; it wraps."""
     return (command.sequence - sequence + half) % 2**32 - half

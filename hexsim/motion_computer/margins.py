@@ -86,7 +86,7 @@ def _where_zero(
     values: Array,
     of: Callable[[Array], Array],
     *,
-    bisections: int = 12,
+    bisections: int = 12,  # to 1/4096 of the interval between two frequencies
 ) -> Array:
     """Where `of` changes its sign, from its `values` at f: bisection, for a resonance turns quickly."""
     k = np.flatnonzero(np.diff(np.sign(values)) != 0)

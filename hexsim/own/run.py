@@ -173,7 +173,7 @@ def residual(
     unit: str,
     table: pl.DataFrame,
     *,
-    most_points: int = 4000,
+    most_points: int = 4000,  # of a curve: more than a page has pixels
 ) -> Figure:
     """Measured and simulated output of a run, and what is left."""
     time, measured, free = (table[name].to_numpy() for name in ("time_s", output, f"simulated_{output}"))

@@ -84,7 +84,7 @@ class SampledSetpoint(Signal):
         return self._of(time_s, 2)
 
 
-# 3.d
+# 3.d: 10 deg/s
 def signal_of(
     axis: str,
     rate_Hz: float,
@@ -93,7 +93,7 @@ def signal_of(
     margin: float = 1.05,  # over these, so that a rounded figure is not below them
     least_force_m_s2: float = 0.3 * g0,  # 3.d, of 0.3 g
     least_rate_rad_s: float = math.radians(10.0),  # 3.d
-    least_turn_rad_s2: float = math.radians(5.0),  # 3.d
+    least_turn_rad_s2: float = math.radians(5.0),  # 3.d: 5 deg/s2
 ) -> tuple[Array, Array, Array, Array]:
     """Time (n,), acceleration (n, 3) at the pilot's place, rates (n, 3), and angular acceleration: a sine of `axis` at the
     vehicle's centre of gravity, faded in, with the rule's smallest amplitudes or a little more; TAIL_S longer than LENGTH_S.
@@ -321,7 +321,7 @@ def envelope(machine: Machine) -> list[Row]:
 def noise(
     rig: MachineRig,
     *,
-    noise_s: float = 20.0,
+    noise_s: float = 20.0,  # of a platform that stands
 ) -> tuple[list[Row], list[Trace]]:
     """Power spectrum of the platform's linear acceleration while it stands in neutral under control, up to 50 Hz."""
     still = {axis: SampledSetpoint(spline=CubicSpline([0.0, noise_s], [0.0, 0.0])) for axis in rig.axes}

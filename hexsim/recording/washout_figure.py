@@ -19,8 +19,8 @@ PUSH_s = 4.0  # that the vehicle accelerates
 def push(
     size_m_s2: float,
     *,
-    rise_s: float = 0.3,
-    before_s: float = 0.5,
+    rise_s: float = 0.3,  # of the push, a smooth one
+    before_s: float = 0.5,  # that the vehicle stands
 ) -> tuple[np.ndarray, np.ndarray]:
     """Time (n,) and the vehicle's accelerations (n, 3): forward for `PUSH_s`, smoothly on and off."""
     time = np.arange(0.0, before_s + PUSH_s + 5.5, 1.0 / RATE_Hz)

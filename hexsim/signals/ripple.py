@@ -20,7 +20,7 @@ def unrippled(
     phase: float,
     *,
     near_m: float = 1e-9,  # Newton's step below which the next one is none
-    most_steps: int = 8,
+    most_steps: int = 8,  # Newton's: each squares the error
 ) -> np.ndarray:
     """Where a scale stands that shows this (n,) [m]: Newton's steps from what it shows."""
     y, k = shown, 2.0 * np.pi / pitch

@@ -69,7 +69,7 @@ class EmergencySupply:
         step: np.ndarray,
         dt: float,
         *,
-        line_decay_s: float = 0.3,
+        line_decay_s: float = 0.3,  # of the line's pressure, once the pump has stopped
         leakage_m3_s: float = 5.0e-6,  # valves, pump and drain, 0.3 l/min
     ) -> float:
         """Supply pressure after this tick [Pa]."""

@@ -34,7 +34,7 @@ class SignalGenerator:
     def rows(
         self,
         *,
-        block_ticks: int = 250,
+        block_ticks: int = 250,  # that are computed at once
     ) -> Array:
         """Setpoints (preview, n_legs) of the next tick and those after it."""
         tick = self._tick

@@ -138,7 +138,7 @@ def reversal_curves(
     motion: AxisMotion,
     period_s: float | None,
     *,
-    step_s: float = 0.002,
+    step_s: float = 0.002,  # of the curves: a control tick
 ) -> tuple[Array, dict[str, Array]]:
     """Deviation in the band about the last reversal at the top and at the bottom: its times about it, end -> values."""
     if motion.frequency_Hz is not None:

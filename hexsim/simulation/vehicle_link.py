@@ -82,7 +82,7 @@ class VehicleLink(HostLink):
         self,
         now_s: float,
         *,
-        ask_again_s: float = 1.0,
+        ask_again_s: float = 1.0,  # between two requests to a simulator that is silent
         hold_s: float = 0.1,  # without a rig's packet, then its last one counts in every tick: before the host's timeout of 0.25 s
     ) -> list[HostCommand]:
         """The washout's setpoint of this tick; none while no vehicle is heard, or, strictly, while it is silent."""

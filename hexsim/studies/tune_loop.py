@@ -99,7 +99,7 @@ class Search:
         machine: Machine,
         progress: Callable[[float], None],
         *,
-        same_mass: float = 0.02,
+        same_mass: float = 0.02,  # relative difference of modes that are one loop
     ) -> None:
         self.machine, self.progress, self.evaluations = machine, progress, 0
         self.f = np.geomspace(0.1, 0.45 * machine.controller.rate_Hz, POINTS)
@@ -195,7 +195,7 @@ class Search:
         penalty: float = 0.02,  # a degree or decibel beyond its limit costs as much as |T - 1| = 0.02 sqrt(n)
         gain_off: float = 0.15,  # of the valve: load, oil, wear
         phase_margin_deg: float = 50.0,  # of the nominal loop and of one whose gain is off
-        gain_margin_dB: float = 8.0,
+        gain_margin_dB: float = 8.0,  # of the same
         peak_dB: float = 1.0,  # of |T|
     ) -> float:
         """Mean |T - 1|^2 with the valve's gain off either way, and the penalties."""
@@ -226,8 +226,8 @@ def measure(
     speed_m_s: float = 0.04,  # of each sine at most; rotations: over turn_m
     acceleration_m_s2: float = 0.4,  # of each sine at most; rotations: over turn_m
     n_periods: int = 2,  # of a sine, after it has settled
-    turn_m: float = 0.6,
-    settle_s: float = 2.0,
+    turn_m: float = 0.6,  # from the axis, where a turn moves as far as a shift
+    settle_s: float = 2.0,  # before the sine is judged
 ) -> list[AxisFigures]:
     """Every degree of freedom in the simulator, one multisine each. Raises HexsimError where a run does not end."""
     measured, axes = [], machine.mechanics.dofs

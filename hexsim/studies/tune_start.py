@@ -73,7 +73,7 @@ def heave(
     machine: Machine,
     duration_s: float,
     *,
-    fade_s: float = 2.0,
+    fade_s: float = 2.0,  # from rest to the full sine
 ) -> Scenario:
     """The half-hertz sine, faded in."""
     axes = {"z": half_hertz_sine(machine)}
@@ -100,8 +100,8 @@ def teach(
     compensator: str = "adaptive",
     progress: Callable[[float], None] = lambda share: None,
     *,
-    learning_s: float = 30.0,
-    verifying_s: float = 12.0,
+    learning_s: float = 30.0,  # 15 periods
+    verifying_s: float = 12.0,  # 6 periods
 ) -> Taught:
     """Learn on the twin, write `compensator.json` into the folder, then run with it and without. progress(share).
 

@@ -80,7 +80,7 @@ def valve_test(
     reversed_at: float = 0.5,  # of full signal: where the threshold is tested
     least_reversal: float = 2e-3,  # of full signal
     null_share: float = 0.05,  # spacing of the signal at null over an even one
-    step_s: float = 1e-5,
+    step_s: float = 1e-5,  # a hundredth of the fastest spool's time constant
 ) -> ValveTest:
     """All tests of the valve of a machine's first leg, at the declared oil."""
     p = declared_rows(machine)[0]

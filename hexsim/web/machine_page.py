@@ -53,7 +53,7 @@ class MachinePage:
         stop: threading.Event | None = None,
         warn: Callable[[list[str]], None] = lambda sentences: None,
         *,
-        refresh_s: float = 0.3,
+        refresh_s: float = 0.3,  # between two updates of the figures
     ) -> None:
         """Simulate and show, for `seconds`, until `close`, or until `stop` is set. warn: called with new warnings of the machine."""
         self._simulated.start(self._draw)
