@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg, ports, rod_side
 from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, P, declared_rows
+from hexsim.machine import Machine
 from hexsim.machine.files import changed
 
 PS, PT, DENSITY = 16.0e6, 3.0e5, 860.0

@@ -8,10 +8,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.declaration import Machine
 from hexsim.hydraulics import ports
 from hexsim.hydraulics.parameters import P
-from hexsim.machine import load_machine
+from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 from hexsim.plant.readout import leg_signals

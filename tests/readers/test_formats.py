@@ -15,7 +15,7 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.readers import files, formats, read_log
 from hexsim.readers.formats import text
-from hexsim.setpoints.signal_file import read_setpoint_file
+from hexsim.setpoints.signals import read_setpoint_file
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 ARROW = '''"""Arrow's own files."""

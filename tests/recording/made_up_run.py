@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 
-from hexsim.declaration import Machine
-from hexsim.machine import machine_from_dict
+from hexsim.machine import Machine, machine_from_dict
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.scenarios import load_scenario
 from hexsim.signals.log import Log
