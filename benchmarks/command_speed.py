@@ -73,7 +73,12 @@ BENCH = IMPORTS + 'simulate(load_machine("bench"), load_scenario("heave"))\n'
 ROWS: dict[str, tuple[str, ...]] = {  # each ends with the folder of its files, but for code
     "`hexsim run heave` (20 s; figures, report, recording)": (*CLI, "run", "heave", "--out"),
     "`hexsim run heave --no-recording --no-report`": (
-        *CLI, "run", "heave", "--no-recording", "--no-report", "--out",
+        *CLI,
+        "run",
+        "heave",
+        "--no-recording",
+        "--no-report",
+        "--out",
     ),
     "`hexsim compare heave` (all compensators; figures, report, recording)": (*CLI, "compare", "heave", "--out"),
     "in Python: imports of a run": ("-c", IMPORTS),
@@ -81,7 +86,7 @@ ROWS: dict[str, tuple[str, ...]] = {  # each ends with the folder of its files, 
     "`--fast` with its log: simulated s of a hexapod in a processor second": ("-c", RATE),
     "`hexsim sweep`, a worker: the same": ("-c", SWEEP),
     "gym, 64 hexapods, a thread: the same": ("-c", GYM),
-}  # fmt: skip
+}
 COMPILES = ROWS["`hexsim run heave --no-recording --no-report`"]
 
 
@@ -91,9 +96,13 @@ class Side:
     def __init__(self, name: str, tree: Path, cache: Path) -> None:
         self.name, self.values = name, {row: [] for row in (FIRST, *ROWS)}
         self.environment = {
-            **os.environ, "PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache), "OMP_NUM_THREADS": "1",
-            "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": f"{cache}_pyc",  # byte code is there, as after pip
-        }  # fmt: skip
+            **os.environ,
+            "PYTHONPATH": str(tree),
+            "NUMBA_CACHE_DIR": str(cache),
+            "OMP_NUM_THREADS": "1",
+            "PYTHONDONTWRITEBYTECODE": "",
+            "PYTHONPYCACHEPREFIX": f"{cache}_pyc",  # byte code is there, as after pip
+        }
         self.is_new = not cache.exists()
 
     def measure(self, command: tuple[str, ...], cache: str | None = None) -> float:

@@ -55,7 +55,7 @@ CASES = (
     Case(name="heave, overlap 20 um", changes={"valve.overlap_m": 20e-6}, part=1 / 8),
     Case(name="heave, overlap 50 um", changes={"valve.overlap_m": 50e-6}, part=1 / 8),
     Case(name="heave, valve hysteresis 0.5 %", changes={"effects.valve_hysteresis.half_width_V": 0.025}, part=1 / 8),
-)  # fmt: skip
+)
 
 
 def compensator(name: str, overlap_m: float) -> str | Compensator:

@@ -83,12 +83,20 @@ def _actuator(items: Any, machine: Machine, ends: list[Any], oil: Any, offset: f
     cylinder, valve, supply = machine.cylinder, machine.valve, machine.supply
     edge = valve.discharge_coefficient * np.pi * valve.spool_diameter_m * np.sqrt(2.0 / machine.oil.density_kg_m3)
     return items.ObjectConnectorHydraulicActuatorSimple(
-        markerNumbers=ends, nodeNumbers=[oil], offsetLength=offset, strokeLength=cylinder.stroke_m,
-        chamberCrossSection0=cylinder.area_bottom_m2, chamberCrossSection1=cylinder.area_top_m2,
-        hoseVolume0=cylinder.pipeline_volume_m3, hoseVolume1=ENDLESS_VOLUME_m3, useChamberVolumeChange=True,
-        oilBulkModulus=machine.oil.bulk_modulus_Pa, nominalFlow=edge * valve.spool_travel_max_m,
-        systemPressure=supply.pressure_Pa, tankPressure=supply.tank_pressure_Pa,
-    )  # fmt: skip
+        markerNumbers=ends,
+        nodeNumbers=[oil],
+        offsetLength=offset,
+        strokeLength=cylinder.stroke_m,
+        chamberCrossSection0=cylinder.area_bottom_m2,
+        chamberCrossSection1=cylinder.area_top_m2,
+        hoseVolume0=cylinder.pipeline_volume_m3,
+        hoseVolume1=ENDLESS_VOLUME_m3,
+        useChamberVolumeChange=True,
+        oilBulkModulus=machine.oil.bulk_modulus_Pa,
+        nominalFlow=edge * valve.spool_travel_max_m,
+        systemPressure=supply.pressure_Pa,
+        tankPressure=supply.tank_pressure_Pa,
+    )
 
 
 def _add_friction(system: Any, items: Any, machine: Machine, ends: list[Any]) -> Any:

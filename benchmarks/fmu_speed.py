@@ -26,9 +26,11 @@ def fmu_ratio(path: Path, volts: np.ndarray) -> float:
         outputs = [v.valueReference for v in description.modelVariables if v.causality == "output"]
         inputs = list(range(volts.shape[1]))
         slave = FMU2Slave(
-            guid=description.guid, unzipDirectory=folder, instanceName="speed",
+            guid=description.guid,
+            unzipDirectory=folder,
+            instanceName="speed",
             modelIdentifier=description.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        )
         slave.instantiate()
         slave.setupExperiment()
         slave.enterInitializationMode()

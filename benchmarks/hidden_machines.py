@@ -43,8 +43,14 @@ SMALL = {  # what every real machine has a little of
 
 HOSE = {"effects.hose_compliance.compliance_m3_Pa": 5e-14}  # as good as a dead volume, in some motions
 INCLINE = {"effects.incline.angle_rad": 0.3}  # as good as a constant force: a tie
-SECOND_SMALL = {"scale_ripple": 3e-6, "small_spool_lag": 150.0, "small_accelerometer_gain": 0.004, "small_air": 0.003,
-                "small_null_offset": 5e-3, "hardening_spring": 5e4}  # fmt: skip
+SECOND_SMALL = {
+    "scale_ripple": 3e-6,
+    "small_spool_lag": 150.0,
+    "small_accelerometer_gain": 0.004,
+    "small_air": 0.003,
+    "small_null_offset": 5e-3,
+    "hardening_spring": 5e4,
+}
 SECOND_SLOW = {"spool_lag": 20.0, **SECOND_SMALL}  # as good as a valve delay, in a multisine
 SECOND_SLOW.pop("small_spool_lag")
 
@@ -179,17 +185,24 @@ def run_one(name: str, minutes: float, out: Path, compensate: bool) -> dict[str,
     began = time.perf_counter()
     try:
         story = identify(
-            declaration(CASES[name]), ("127.0.0.1", here.recv()), minutes, out / name,
+            declaration(CASES[name]),
+            ("127.0.0.1", here.recv()),
+            minutes,
+            out / name,
             lambda doing, share: print(f"{time.perf_counter() - began:6.0f} s {doing} {share:.2f}", flush=True),
             compensate=compensate,
-        )  # fmt: skip
+        )
         write_story(story)
         line |= {
-            "ended": story.ended, "failed": story.failed,
-            "bump": story.bump.to_json() if story.bump else story.no_bump, "machine_s": round(story.machine_s, 1),
+            "ended": story.ended,
+            "failed": story.failed,
+            "bump": story.bump.to_json() if story.bump else story.no_bump,
+            "machine_s": round(story.machine_s, 1),
             "rounds": [
                 {
-                    "verdict": one.verdict, "purpose": one.purpose, "open": list(one.sentences),
+                    "verdict": one.verdict,
+                    "purpose": one.purpose,
+                    "open": list(one.sentences),
                     "effects": [
                         [row["name"], row["where"], row["parameters"], row.get("standard_error"), row["tied_with"]]
                         for row in one.effects
@@ -197,7 +210,7 @@ def run_one(name: str, minutes: float, out: Path, compensate: bool) -> dict[str,
                 }
                 for one in story.rounds
             ],
-        }  # fmt: skip
+        }
     except HexsimError as error:
         line["refused"] = str(error)
     finally:

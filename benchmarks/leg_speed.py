@@ -71,9 +71,13 @@ def start(tree: Path, machine: str) -> subprocess.Popen:
     command = [sys.executable, str(Path(__file__).resolve()), "--work", machine]
     cache = tempfile.mkdtemp(prefix="hexsim-leg-speed-")
     worker = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=tree,
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=tree,
         env=os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": cache},
-    )  # fmt: skip
+    )
     assert worker.stdout is not None and worker.stdout.readline().strip() == "ready"
     return worker
 

@@ -176,10 +176,15 @@ def outcome(result: Any, line: dict[str, Any], logs: list[Path]) -> dict[str, An
     from hexsim.tracing.fitting.fitted_numbers import totals_of
 
     named = [
-        [e.candidate.effect.name, e.values, e.standard_errors, list(e.tied_with),
-         [[own.candidate.effect.name, own.values, own.standard_errors] for own in e.readings]]
+        [
+            e.candidate.effect.name,
+            e.values,
+            e.standard_errors,
+            list(e.tied_with),
+            [[own.candidate.effect.name, own.values, own.standard_errors] for own in e.readings],
+        ]
         for e in result.effects
-    ]  # fmt: skip
+    ]
     never = {"never_taken": True} if never_taken(line, logs) else {}
     sums = [own for e in result.effects for own in totals_of(result.final, e.candidate)]
     in_all = {"in_all": {own.key: [own.value, own.standard_error] for own in sums}} if sums else {}

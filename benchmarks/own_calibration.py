@@ -74,10 +74,19 @@ scheme = "heun"
 steps = 2
 """
 OF_DRIVE = {
-    "library": ["Coulomb friction", "quadratic friction", "cubic spring", "constant force", "dead band of a drive",
-                "backlash of a drive", "lag of a drive", "hysteresis (Bouc-Wen)", "asymmetric friction"],
+    "library": [
+        "Coulomb friction",
+        "quadratic friction",
+        "cubic spring",
+        "constant force",
+        "dead band of a drive",
+        "backlash of a drive",
+        "lag of a drive",
+        "hysteresis (Bouc-Wen)",
+        "asymmetric friction",
+    ],
     "outside": ["periodic force", "damping over place", "root friction", "rippled gain"],
-}  # fmt: skip
+}
 OF_TANK = {
     "library": ["overflow", "laminar leak", "inflow", "dead band of a drive"],
     "outside": ["outlet exponent", "rippled gain", "swinging inflow"],
@@ -88,10 +97,12 @@ SAME = {
     "outlet exponent": ("flow over another power",),  # outside the library until seed 20039
 }
 FORMULA = {
-    "periodic force": ["sin(k * x) in v"], "damping over place": ["x**2 * v in v"], "root friction": ["root(v) in v"],
+    "periodic force": ["sin(k * x) in v"],
+    "damping over place": ["x**2 * v in v"],
+    "root friction": ["root(v) in v"],
     "rippled gain": ["sin(k * command_V) in command_V", "sin(k * pump_V) in pump_V"],
     "outlet exponent": ["abs(level_m)**n in level_m"],
-}  # fmt: skip
+}
 JOURNAL = Path(__file__).parent / "results" / "own_calibration.jsonl.gz"
 FORMULAS = JOURNAL.with_name("own_formulas.jsonl.gz")
 STATED = Path(__file__).parents[1] / "hexsim" / "own" / "calibration.toml"
@@ -140,17 +151,22 @@ def drive(rng: np.random.Generator, what: str, place: Path) -> None:
                 held = min(max(held, u[i] - 0.5 * play), u[i] + 0.5 * play)
                 lagged += (u[i] - lagged) * (1 - math.exp(-h / lag))
                 acting = {
-                    "backlash of a drive": held, "lag of a drive": lagged, "rippled gain": u[i] + share * math.sin(5 * u[i]),
+                    "backlash of a drive": held,
+                    "lag of a drive": lagged,
+                    "rippled gain": u[i] + share * math.sin(5 * u[i]),
                     "dead band of a drive": math.copysign(max(abs(u[i]) - band, 0.0), u[i]),
-                }.get(what, u[i])  # fmt: skip
+                }.get(what, u[i])
                 z += h * (v - 2.0 / reach * abs(v) * z)
                 extra = {
-                    "quadratic friction": share * force * v * abs(v) / speed**2, "cubic spring": share * force * (x / reach) ** 3,
-                    "constant force": share * force, "hysteresis (Bouc-Wen)": 2 * share * force * z / reach,
-                    "asymmetric friction": share * force * abs(v) / speed, "periodic force": share * force * math.sin(12 * x / reach),
+                    "quadratic friction": share * force * v * abs(v) / speed**2,
+                    "cubic spring": share * force * (x / reach) ** 3,
+                    "constant force": share * force,
+                    "hysteresis (Bouc-Wen)": 2 * share * force * z / reach,
+                    "asymmetric friction": share * force * abs(v) / speed,
+                    "periodic force": share * force * math.sin(12 * x / reach),
                     "damping over place": 2 * share * force * v / speed * (x / reach) ** 2,
                     "root friction": share * force * math.copysign(math.sqrt(abs(v) / speed), v),
-                }.get(what, 0.0)  # fmt: skip
+                }.get(what, 0.0)
                 pushed = gain * acting - c * v - k * x - extra + d[i]
                 if what == "Coulomb friction":
                     dry = 0.5 * share * force
@@ -172,13 +188,15 @@ def tank(rng: np.random.Generator, what: str, place: Path) -> None:
         acting = {
             "dead band of a drive": max(u - share * middle, 0.0),
             "rippled gain": u + share * middle * math.sin(8 * u / middle),
-        }.get(what, u)  # fmt: skip
+        }.get(what, u)
         out = outlet * math.sqrt(max(level, 0.0))
         extra = {
-            "overflow": 5 * share * outlet * max(level - 1.25, 0.0) * 4, "laminar leak": share * outlet * level,
-            "inflow": -share * outlet, "swinging inflow": share * outlet * math.sin(t / 25),
+            "overflow": 5 * share * outlet * max(level - 1.25, 0.0) * 4,
+            "laminar leak": share * outlet * level,
+            "inflow": -share * outlet,
+            "swinging inflow": share * outlet * math.sin(t / 25),
             "outlet exponent": outlet * max(level, 0.0) ** exponent - out,
-        }.get(what, 0.0)  # fmt: skip
+        }.get(what, 0.0)
         return inlet * acting - out - extra
 
     filled(rng, place, outlet, inlet, net)
@@ -223,10 +241,13 @@ def verdicts_of(what: str, steps: list[dict]) -> list[str]:
     """Of each name: wrong if it is neither what is missing nor tied with it."""
     right = SAME.get(what, (what,))
     return [
-        "right" if all(title.startswith(right) for title in (step["title"], *step["tied"])) else
-        "tied" if any(title.startswith(right) for title in (step["title"], *step["tied"])) else "wrong"
+        "right"
+        if all(title.startswith(right) for title in (step["title"], *step["tied"]))
+        else "tied"
+        if any(title.startswith(right) for title in (step["title"], *step["tied"]))
+        else "wrong"
         for step in steps
-    ]  # fmt: skip
+    ]
 
 
 def verdict_of(what: str, steps: list[dict]) -> str:
@@ -259,9 +280,11 @@ def state(rows: list[dict]) -> str:
     seeds, commits = sorted(row["seed"] for row in rows), sorted({row["commit"] for row in rows})
     lines = [
         "# Verdicts on made-up machines that nobody had seen. Written by `python benchmarks/own_calibration.py --state`.",
-        'command = "benchmarks/own_calibration.py, own_formulas.py"', f"seeds = {seeds}", f"commits = {json.dumps(commits)}",
+        'command = "benchmarks/own_calibration.py, own_formulas.py"',
+        f"seeds = {seeds}",
+        f"commits = {json.dumps(commits)}",
         *(f"{kind} = {{ wrong = {sum(of)}, of = {len(of)} }}" for kind, of in wrong.items()),
-    ]  # fmt: skip
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -275,10 +298,17 @@ def judged(seed: int) -> dict:
     steps = [{"title": step.title, "nats": step.nats, "chance": step.chance, "tied": step.tied} for step in trace.steps]
     formula = trace.formula
     return {
-        "commit": commit(), "stated": formula.best.title if formula is not None and formula.proven else None,
-        "seed": seed, "kind": kind, "sort": sort, "missing": what, "verdict": verdict_of(what, steps), "steps": steps,
-        "refused": [(one.title, one.nats, one.why) for one in trace.found.refused], "seconds": time.process_time() - began,
-    }  # fmt: skip
+        "commit": commit(),
+        "stated": formula.best.title if formula is not None and formula.proven else None,
+        "seed": seed,
+        "kind": kind,
+        "sort": sort,
+        "missing": what,
+        "verdict": verdict_of(what, steps),
+        "steps": steps,
+        "refused": [(one.title, one.nats, one.why) for one in trace.found.refused],
+        "seconds": time.process_time() - began,
+    }
 
 
 def main() -> None:

@@ -31,15 +31,21 @@ PAGE = Path(__file__).parents[1] / "docs" / "results" / "own_formulas.md"
 SLIPS = np.array([0.1, 0.25, 0.5, 0.9])  # of the reach: where the springs in parallel begin to slip
 # What is missing -> its formula at its place; none where it remembers or hangs on time.
 OF_DRIVE: dict[str, str | None] = {
-    "damping that grows with the place": "x**2 * v in v", "root friction": "root(v) in v", "cubic damping": "v**3 in v",
-    "force periodic over the place": "sin(k * x) in v", "drive's gain periodic over the place": "sin(k * x) * command_V in v",
-    "quadratic spring": "x * abs(x) in v", "drive that droops with speed": "abs(v) * command_V in v",
-    "damping that grows as speed heats it": None, "springs that slip one after another": None,
-}  # fmt: skip
+    "damping that grows with the place": "x**2 * v in v",
+    "root friction": "root(v) in v",
+    "cubic damping": "v**3 in v",
+    "force periodic over the place": "sin(k * x) in v",
+    "drive's gain periodic over the place": "sin(k * x) * command_V in v",
+    "quadratic spring": "x * abs(x) in v",
+    "drive that droops with speed": "abs(v) * command_V in v",
+    "damping that grows as speed heats it": None,
+    "springs that slip one after another": None,
+}
 OF_TANK: dict[str, str | None] = {
-    "pump that feels the level": "level_m * pump_V in level_m", "pump with a quadratic curve": "pump_V**2 in pump_V",
+    "pump that feels the level": "level_m * pump_V in level_m",
+    "pump with a quadratic curve": "pump_V**2 in pump_V",
     "inflow that swings in time": None,
-}  # fmt: skip
+}
 TRUTH = OF_DRIVE | OF_TANK
 
 
@@ -113,26 +119,35 @@ def judged(seed: int, what: str) -> dict:
     stated = formula.best.title if formula is not None and formula.proven else None
     steps = [{"title": step.title, "tied": step.tied} for step in trace.steps]
     return {
-        "commit": commit(), "steps": steps, "seed": seed, "missing": what, "truth": truth, "stated": stated,
+        "commit": commit(),
+        "steps": steps,
+        "seed": seed,
+        "missing": what,
+        "truth": truth,
+        "stated": stated,
         "why": formula.why if formula else "",
         "verdict": "none" if stated is None else "right" if stated == truth else "wrong",
-        "named": [step.title for step in trace.steps], "seconds": time.process_time() - began,
+        "named": [step.title for step in trace.steps],
+        "seconds": time.process_time() - began,
         "fitted": [(one.title, one.nats, one.compared) for one in formula.fitted] if formula else [],
-    }  # fmt: skip
+    }
 
 
 def page(rows: list[dict]) -> str:
     """docs/results/own_formulas.md"""
     seeds = [row["seed"] for row in rows]
     lines = [
-        "# Formulas for what the library does not explain", "",
+        "# Formulas for what the library does not explain",
+        "",
         f"`python benchmarks/own_formulas.py`, seeds {min(seeds)} to {max(seeds)}, scored once (the first two twice, after a crash): "
         "each model is missing an",
         "effect outside the library ([how](../own_machines.md#a-formula-of-its-own)). Right: this formula is stated. None: no formula "
         "is stated.",
-        "Named: an effect of the library is named instead.", "",
-        "| missing | its formula | machines | right | wrong | none | named |", "|---|---|---|---|---|---|---|",
-    ]  # fmt: skip
+        "Named: an effect of the library is named instead.",
+        "",
+        "| missing | its formula | machines | right | wrong | none | named |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for what, truth in TRUTH.items():
         own = [row for row in rows if row["missing"] == what]
         if not own:
@@ -145,8 +160,11 @@ def page(rows: list[dict]) -> str:
         )
     right = {row["missing"] for row in rows if row["verdict"] == "right"}
     wrong = [row for row in rows if row["verdict"] == "wrong"]
-    lines += ["", f"Of twelve effects {len(right)} get their formula on one machine at least; {len(wrong)} of "
-              f"{len(rows)} machines get a wrong one."]  # fmt: skip
+    lines += [
+        "",
+        f"Of twelve effects {len(right)} get their formula on one machine at least; {len(wrong)} of "
+        f"{len(rows)} machines get a wrong one.",
+    ]
     lines += [f"Wrong: seed {row['seed']}, {row['missing']}: `{row['stated']}`." for row in wrong]
     lines += [f"A machine takes {np.median([row['seconds'] for row in rows]):.0f} s of processor time (median)."]
     return "\n".join(lines) + "\n"
@@ -170,8 +188,11 @@ def main() -> None:
             row = judged(asked.first + k * len(TRUTH) + j, what)
             with gzip.open(asked.out, "at", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
-            print(f"{row['seed']} {what}: {row['verdict']} [{row['stated'] or row['why']}] {row['named']} "
-                  f"{row['seconds']:.0f} s", flush=True)  # fmt: skip
+            print(
+                f"{row['seed']} {what}: {row['verdict']} [{row['stated'] or row['why']}] {row['named']} "
+                f"{row['seconds']:.0f} s",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -68,8 +68,10 @@ def cascaded_tanks(data: Path, work: Path) -> dict[str, Path]:
         "estimation": {"time_s": clock, "pump_V": table[:, 0], "level_V": table[:, 2]},
         "validation": {"time_s": clock, "pump_V": table[:, 1], "level_V": table[:, 3]},
     }
-    return {name: prepared(folder, work, logs)
-            for name, folder in (("declared", "cascaded_tanks"), ("entry", "cascaded_tanks_overflow"))}  # fmt: skip
+    return {
+        name: prepared(folder, work, logs)
+        for name, folder in (("declared", "cascaded_tanks"), ("entry", "cascaded_tanks_overflow"))
+    }
 
 
 def bouc_wen(data: Path, work: Path) -> dict[str, Path]:
@@ -78,8 +80,10 @@ def bouc_wen(data: Path, work: Path) -> dict[str, Path]:
 
     with h5py.File(data / "bouc_wen" / "train.h5") as file:
         force, position = (np.asarray(file[f"multisine/{key}"])[: PERIODS * BOUC_WEN_PERIOD, 0] for key in "uy")
-    official = {key: loadmat(data / "bouc_wen" / f"{key}.mat")[key][0]
-                for key in ("uval_multisine", "yval_multisine", "uval_sinesweep", "yval_sinesweep")}  # fmt: skip
+    official = {
+        key: loadmat(data / "bouc_wen" / f"{key}.mat")[key][0]
+        for key in ("uval_multisine", "yval_multisine", "uval_sinesweep", "yval_sinesweep")
+    }
     runs = {
         "train": (force, position),
         "multisine": (np.tile(official["uval_multisine"], 3), np.tile(official["yval_multisine"], 3)),

@@ -51,9 +51,13 @@ def limit_of(machine: Machine, late_s: float = 0.0) -> float:
     crossed = 2.0 * valve.overlap_m / valve.spool_travel_max_m * valve.voltage_max_V
     delivered = delivery_s(1.0 / machine.controller.rate_Hz, valve.spool_frequency_Hz, crossed, valve.voltage_max_V)
     return peak_in_band(
-        step_m_s2=sum(levels) / mass, resonance_Hz=w / (2 * math.pi), damping_ratio=0.5 * viscous / (mass * w),
-        delivery_s=delivered, friction_s=2.0 * friction.sharpness_m_s / acceleration, late_s=late_s,
-    )  # fmt: skip
+        step_m_s2=sum(levels) / mass,
+        resonance_Hz=w / (2 * math.pi),
+        damping_ratio=0.5 * viscous / (mass * w),
+        delivery_s=delivered,
+        friction_s=2.0 * friction.sharpness_m_s / acceleration,
+        late_s=late_s,
+    )
 
 
 def reached(machine: Machine, name: str) -> float:
@@ -77,8 +81,12 @@ def measured() -> list[dict[str, Any]]:
 
 
 def picture(rows: list[dict[str, Any]], path: Path) -> None:
-    looks = {"none": ("#888888", "o-"), "adaptive": ("#2060b0", "o-"), "limit": ("#c03020", "-"),
-             "limit, 1 ms late": ("#c03020", "--")}  # fmt: skip
+    looks = {
+        "none": ("#888888", "o-"),
+        "adaptive": ("#2060b0", "o-"),
+        "limit": ("#c03020", "-"),
+        "limit, 1 ms late": ("#c03020", "--"),
+    }
     names = {"none": "plain control", "limit": "limit", "limit, 1 ms late": "the same, oil 1 ms late"}
     figure, plots = plt.subplots(1, len(SWEPT), figsize=(9.6, 3.6), sharey=True, layout="constrained")
     for plot, (axis, (_, _, unit)) in zip(plots, SWEPT.items(), strict=True):

@@ -48,8 +48,19 @@ from benchmarks.grid.priors import SINGLE, table  # noqa: E402
 from benchmarks.journal import append, lines_of  # noqa: E402
 
 __all__ = [
-    "Figures", "Leg", "Motion", "Run", "bumps", "draw_leg", "figures", "late", "motion_of", "perfect", "run_leg", "run_plain",
-]  # fmt: skip
+    "Figures",
+    "Leg",
+    "Motion",
+    "Run",
+    "bumps",
+    "draw_leg",
+    "figures",
+    "late",
+    "motion_of",
+    "perfect",
+    "run_leg",
+    "run_plain",
+]
 VALVES = {"three-way": (False,), "four-way": (True,), "both": (False, True)}
 WANTED, APART, ERROR = (
     0.8,
@@ -74,9 +85,16 @@ def judged(case: Row) -> Row:
 
         found, reason, draw = judged_platform(case["seed"], case["compensator"], case["declared"])
         return {
-            **case, "leg": "", **asdict(found), "share": found.share, "possible": None, "reason": reason, "statuses": [],
-            "took_s": round(time.perf_counter() - began, 2), "draw": draw,
-        }  # fmt: skip
+            **case,
+            "leg": "",
+            **asdict(found),
+            "share": found.share,
+            "possible": None,
+            "reason": reason,
+            "statuses": [],
+            "took_s": round(time.perf_counter() - began, 2),
+            "draw": draw,
+        }
     leg = draw_leg(case["seed"], case["family"], four_way=case["four_way"], declared=case["declared"])
     motion = motion_of(case["motion"], case["seed"])
     plain, again = run_plain(leg, motion), run_plain(leg, motion, noise=1)
@@ -84,9 +102,16 @@ def judged(case: Row) -> Row:
     found = figures(run, plain, again)
     possible = late(bumps(perfect(leg, motion)), motion) if case["oracle"] else None
     return {
-        **case, "leg": leg.name, **asdict(found), "share": found.share, "possible": possible, "reason": run.reason,
-        "statuses": run.statuses[-5:], "took_s": round(time.perf_counter() - began, 2), "draw": leg.truth,
-    }  # fmt: skip
+        **case,
+        "leg": leg.name,
+        **asdict(found),
+        "share": found.share,
+        "possible": possible,
+        "reason": run.reason,
+        "statuses": run.statuses[-5:],
+        "took_s": round(time.perf_counter() - began, 2),
+        "draw": leg.truth,
+    }
 
 
 def key(case: Row) -> tuple[Any, ...]:
@@ -161,11 +186,17 @@ def page(rows: list[Row], command: str, commit: str) -> str:
     kinds = Counter(kind_of(r) for r in rows if r["share"] > KEPT)
     motions, draws, first = ", ".join(dict.fromkeys(r["motion"] for r in rows)), len({r["seed"] for r in rows}), rows[0]
     lines = [
-        "# How much of the bump is left on a machine of which every number is drawn?", "",
+        "# How much of the bump is left on a machine of which every number is drawn?",
+        "",
         f"`{command}`, commit {commit}. Compensator `{first['compensator']}`, family `{first['family']}`, data sheet: "
-        f"{first['declared']}; {draws} draws, motions {motions}.", "",
-        summary(rows), "", HOW, "| kept out by | runs |", "|---|---|",
-    ]  # fmt: skip
+        f"{first['declared']}; {draws} draws, motions {motions}.",
+        "",
+        summary(rows),
+        "",
+        HOW,
+        "| kept out by | runs |",
+        "|---|---|",
+    ]
     return "\n".join([*lines, *(f"| {kind} | {count} |" for kind, count in kinds.most_common()), ""])
 
 
@@ -190,13 +221,18 @@ def planned(a: argparse.Namespace) -> list[Row]:
         return [rest | {"seed": seed, "motion": "heave"} for seed in range(first, last)]
     return [
         {
-            "compensator": a.compensator, "family": a.family, "declared": a.declared, "four_way": four_way, "seed": seed,
-            "motion": motion, "oracle": a.oracle,
+            "compensator": a.compensator,
+            "family": a.family,
+            "declared": a.declared,
+            "four_way": four_way,
+            "seed": seed,
+            "motion": motion,
+            "oracle": a.oracle,
         }
         for seed in range(first, min(last, len(SINGLE)) if a.family == "single" else last)
         for four_way in VALVES[a.valve]
         for motion in (MOTIONS if a.motions == "all" else a.motions.split(","))
-    ]  # fmt: skip
+    ]
 
 
 def line_of(row: Row, number: int, count: int, began: float) -> str:

@@ -126,12 +126,18 @@ def judged(seed: int, noise: bool) -> dict[str, Any]:
             pass
         skipped += 1
     return {
-        "seed": seed, "noise": noise, "kind": "hexapod" if hexapod else "bench", "motion": tables["name"],
-        "error": float(off.max()) / peak, "stated": chosen.summary["step_error"], "peak_m_s2": peak,
-        "at_s": float(time[inside][off.argmax()]), "drawn_again": skipped,
+        "seed": seed,
+        "noise": noise,
+        "kind": "hexapod" if hexapod else "bench",
+        "motion": tables["name"],
+        "error": float(off.max()) / peak,
+        "stated": chosen.summary["step_error"],
+        "peak_m_s2": peak,
+        "at_s": float(time[inside][off.argmax()]),
+        "drawn_again": skipped,
         "warned": any("in the 50 Hz band is off" in text for text in chosen.warnings),
         "mean_step_s": chosen.summary["timestep_mean_s"],
-    }  # fmt: skip
+    }
 
 
 def main() -> None:

@@ -63,12 +63,16 @@ def measured(real: bool, count: int) -> None:
             sweep(made, Instant(run_case(made[0]) | {"error": None}), out)
         table = pl.scan_parquet(out / "*.parquet")
         found = {
-            "runs": count, "real": real, "seconds": time.perf_counter() - begin, "cases_made_s": made_s,
+            "runs": count,
+            "real": real,
+            "seconds": time.perf_counter() - begin,
+            "cases_made_s": made_s,
             "largest_resident_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
-            "files": len(list(out.iterdir())), "rows": table.select(pl.len()).collect().item(),
+            "files": len(list(out.iterdir())),
+            "rows": table.select(pl.len()).collect().item(),
             "keys": table.select(pl.col("key").n_unique()).collect().item(),
             "failed": table.select(pl.col("error").is_not_null().sum()).collect().item(),
-        }  # fmt: skip
+        }
     print(json.dumps(found), flush=True)
 
 

@@ -158,15 +158,23 @@ def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
         except HexsimError as error:
             report = {"verdict": "refused", "effects": [], "unexplained": [], "balances": [], "description": str(error)}
     line = {
-        "effect": name, "seed": seed, "strength": options.strength, "size": size, "leg": leg,
+        "effect": name,
+        "seed": seed,
+        "strength": options.strength,
+        "size": size,
+        "leg": leg,
         "verdict": report["verdict"],
         "named": [[e["name"], e["where"], e["parameters"], e["tied_with"]] for e in report["effects"] if e["name"]],
         "learned": [[e["balance"], e["where"], e["curve"]["signal"]] for e in report["effects"] if not e["name"]],
-        "unexplained": [[u["balance"], u["where"], u["depends_on"], u["r2_cv"], u["frequency_Hz"]] for u in report["unexplained"]],
+        "unexplained": [
+            [u["balance"], u["where"], u["depends_on"], u["r2_cv"], u["frequency_Hz"]] for u in report["unexplained"]
+        ],
         "detectable": {k: v["theta_min"] for k, v in report.get("detectable", {}).items()},
-        "seconds": round(time.process_time() - started, 1), "duration": options.duration,
-        "commit": commit(), "description": report.get("description", ""),
-    }  # fmt: skip
+        "seconds": round(time.process_time() - started, 1),
+        "duration": options.duration,
+        "commit": commit(),
+        "description": report.get("description", ""),
+    }
     return line | {"score": score(line, KNOWN)}
 
 

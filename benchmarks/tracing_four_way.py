@@ -52,9 +52,13 @@ def run_one(effect: str, seed: int) -> dict:
         report = trace(folder, ["fit", "sweep"], ["validate"]).report
     named = [[e["name"], e["parameters"], e["tied_with"]] for e in report["effects"] if e["name"]]
     line = {
-        "effect": effect, "seed": seed, "verdict": report["verdict"], "named": named, "commit": commit(),
+        "effect": effect,
+        "seed": seed,
+        "verdict": report["verdict"],
+        "named": named,
+        "commit": commit(),
         "seconds": round(time.process_time() - started, 1),
-    }  # fmt: skip
+    }
     return line | {"score": score(line, size, right, key)}
 
 

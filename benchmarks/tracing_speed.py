@@ -80,11 +80,14 @@ def measured(folder: Path, fit: list[str], validate: list[str]) -> None:
     table = Table("what", "value", title=f"{folder.name}: {report['verdict']}")
     rows = {
         "processor time / one simulation of the fit logs": f"{cpu / bare:.0f}",
-        "processor time [s]": f"{cpu:.1f}", "wall time [s]": f"{wall:.1f}", "cores used": f"{cpu / wall:.2f}",
-        "largest resident memory [MB]": f"{memory:.0f}", "one simulation of the fit logs [s]": f"{bare:.3f}",
+        "processor time [s]": f"{cpu:.1f}",
+        "wall time [s]": f"{wall:.1f}",
+        "cores used": f"{cpu / wall:.2f}",
+        "largest resident memory [MB]": f"{memory:.0f}",
+        "one simulation of the fit logs [s]": f"{bare:.3f}",
         "imports, processor time [s]": f"{min(own[0] for own in imports):.2f}",
         "imports, wall time [s]": f"{min(own[1] for own in imports):.2f}",
-    }  # fmt: skip
+    }
     steps = {
         f"{step['name']}, wall time [s]": f"{step['seconds']:.1f}" for step in report["steps"] if step["seconds"] > 0.05
     }

@@ -10,6 +10,18 @@ from .learned_parameters import check_parameters
 from .registry import available, built_in, check, create, create_built_in
 
 __all__ = [
-    "NO_LOAD", "Compensator", "Context", "Estimate", "Knowledge", "Parameters", "Sample", "available", "built_in", "check",
-    "check_parameters", "create", "create_built_in", "preview_count",
-]  # fmt: skip
+    "NO_LOAD",
+    "Compensator",
+    "Context",
+    "Estimate",
+    "Knowledge",
+    "Parameters",
+    "Sample",
+    "available",
+    "built_in",
+    "check",
+    "check_parameters",
+    "create",
+    "create_built_in",
+    "preview_count",
+]

@@ -60,12 +60,25 @@ class Sample:
 
     def __post_init__(self) -> None:
         floats = (
-            type(self.time_s) is type(self.setpoint_m) is type(self.position_m) is type(self.control_V)
-            is type(self.valve_V) is type(self.pressure_bottom_Pa) is type(self.pressure_supply_Pa) is float
-        )  # fmt: skip
+            type(self.time_s)
+            is type(self.setpoint_m)
+            is type(self.position_m)
+            is type(self.control_V)
+            is type(self.valve_V)
+            is type(self.pressure_bottom_Pa)
+            is type(self.pressure_supply_Pa)
+            is float
+        )
         if not floats:
-            for name in ("time_s", "setpoint_m", "position_m", "control_V", "valve_V", "pressure_bottom_Pa",
-                         "pressure_supply_Pa"):  # fmt: skip
+            for name in (
+                "time_s",
+                "setpoint_m",
+                "position_m",
+                "control_V",
+                "valve_V",
+                "pressure_bottom_Pa",
+                "pressure_supply_Pa",
+            ):
                 setattr(self, name, float(getattr(self, name)))
 
 
@@ -114,10 +127,19 @@ class Context:
 
     def __post_init__(self) -> None:
         positive = (
-            "rate_Hz", "position_gain_V_per_m", "voltage_max_V", "stroke_m", "area_bottom_m2",
-            "area_top_m2", "supply_pressure_Pa", "bulk_modulus_Pa", "spool_damping",
-            "stribeck_velocity_m_s", "edge_V", "velocity_gain_m_s_V",
-        )  # fmt: skip
+            "rate_Hz",
+            "position_gain_V_per_m",
+            "voltage_max_V",
+            "stroke_m",
+            "area_bottom_m2",
+            "area_top_m2",
+            "supply_pressure_Pa",
+            "bulk_modulus_Pa",
+            "spool_damping",
+            "stribeck_velocity_m_s",
+            "edge_V",
+            "velocity_gain_m_s_V",
+        )
         for name in positive:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):

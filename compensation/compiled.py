@@ -18,9 +18,17 @@ from numba.core.imputils import lower_cast
 from .compiled_cache import check_cache, temporary_cache
 
 SHARED = (
-    "compensator", "guard", "spool_model", "volts_bound", "records", "arithmetic", "least_squares", "prediction", "loop_feedback",
+    "compensator",
+    "guard",
+    "spool_model",
+    "volts_bound",
+    "records",
+    "arithmetic",
+    "least_squares",
+    "prediction",
+    "loop_feedback",
     "damping_design",
-)  # fmt: skip
+)
 FOLDERS = ("adaptive",)  # every file of these
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from numba.core import caching
 
-DIGEST_BYTES = 32
+DIGEST_BYTES = 32  # of SHA-256
 
 
 class CheckedFiles(caching.IndexDataCacheFile):

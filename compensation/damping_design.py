@@ -21,10 +21,11 @@ from .compiled import compiled
 from .least_squares import add_row, solve, start_least_squares
 from .records import record
 
-MAX_DAMPING_TAPS = 16
+MAX_DAMPING_TAPS = 16  # 32 ms at 500 Hz
 WORK = record(  # least_squares.py
-    triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
-)  # fmt: skip
+    triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)),
+    row=("f8", (MAX_DAMPING_TAPS + 1,)),
+)
 MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 GROWTH_SHARE = 0.5  # of the viscous damping of a mode that the filter may take away
 LOWEST_MODE, HIGHEST_MODE = 0.7, 1.5  # over the identified resonance: the oil's volume changes with the stroke

@@ -17,7 +17,6 @@ from pathlib import Path
 from .compensator import Parameters
 from .report_functions import FUNCTIONS, RANGE
 
-POINTS = 401
 EDGE_V = 1e-6  # half width of the step across the overlap, in a table that must be a function
 
 
@@ -61,9 +60,13 @@ def table_of(parameters: Parameters, voltage_max_V: float = 10.0) -> Compensatio
     )
 
 
-def _grid(voltage_max_V: float) -> list[float]:
+def _grid(
+    voltage_max_V: float,
+    *,
+    n_points: int = 401,  # of the table: 0.05 V apart over a range of 10 V
+) -> list[float]:
     """Points dense around zero, symmetric, increasing."""
-    half = POINTS // 2
+    half = n_points // 2
     return [voltage_max_V * (i / half) * abs(i / half) for i in range(-half, half + 1)]
 
 

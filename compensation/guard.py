@@ -41,9 +41,9 @@ FROZEN_MARGIN = (
 FROZEN_STROKE = 0.25  # of the stroke: the same of a coarse pressure, which only the load's changes move
 SATURATED_TICKS = 5  # after which a saturated valve is a fault
 SATURATED_SHARE = 0.999  # of the voltage range
-HOLD_OFF_S = 0.5
-RETURN_S = 1.0
-
+HOLD_OFF_S = 0.5  # of plain control after a fault
+RETURN_S = 1.0  # in which the algorithm's volts are faded in again
+# so long its volts may be bounded; each fault of its own holds it off so many times as long, up to the sixth: half an hour
 BEYOND_S, HOLD_OFF_RATIO, MOST_OWN_FAULTS = 0.05, 4, 6
 
 SOUND, LOST, POSITION_FROZEN, PRESSURE_FROZEN, VALVE_AT_END, NOT_FINITE, BEYOND = 0, 8, 16, 32, 64, 256, 512
@@ -67,22 +67,58 @@ GUARD = np.dtype(
     (
         np.record,
         [
-            ("tick_s", "f8"), ("voltage_max_V", "f8"), ("position", READING), ("pressure", READING),
-            ("position_travel_m", "f8"), ("pressure_travel_m", "f8"),  # of the setpoint, from which a reading is frozen
-            ("edges_V", "f8"), ("volts_per_m_s", "f8"), ("lead_gain", "f8"), ("spool", "f8", (4,)),  # of volts_bound.py; spool.py
-            ("spool_V", "f8"), ("spool_rate_V", "f8"),  # of the added volts alone; a tick
-            ("setpoint_m", "f8"), ("speed_m_s", "f8"), ("ticks", "i8"), ("beyond_ticks", "i8"), ("own_faults", "i8"), ("anew", "i8"),
+            ("tick_s", "f8"),
+            ("voltage_max_V", "f8"),
+            ("position", READING),
+            ("pressure", READING),
+            ("position_travel_m", "f8"),
+            ("pressure_travel_m", "f8"),  # of the setpoint, from which a reading is frozen
+            ("edges_V", "f8"),
+            ("volts_per_m_s", "f8"),
+            ("lead_gain", "f8"),
+            ("spool", "f8", (4,)),  # of volts_bound.py; spool.py
+            ("spool_V", "f8"),
+            ("spool_rate_V", "f8"),  # of the added volts alone; a tick
+            ("setpoint_m", "f8"),
+            ("speed_m_s", "f8"),
+            ("ticks", "i8"),
+            ("beyond_ticks", "i8"),
+            ("own_faults", "i8"),
+            ("anew", "i8"),
             ("top_pressure", READING),
-            ("saturated_ticks", "i8"), ("output_V", "f8"), ("fade_from_V", "f8"), ("fade_ticks", "i8"),  # left
+            ("saturated_ticks", "i8"),
+            ("output_V", "f8"),
+            ("fade_from_V", "f8"),
+            ("fade_ticks", "i8"),  # left
             ("hold_off_ticks", "i8"),  # left; 0 = the algorithm acts
-            ("fade_in", "f8"), ("reason", "i8"),
+            ("fade_in", "f8"),
+            ("reason", "i8"),
         ],
     )
-)  # fmt: skip
-SHEET = np.dtype((np.record, [(name, "f8") for name in (
-    "tick_s", "voltage_max_V", "edge_V", "velocity_gain_m_s_V", "velocity_gain_V_s_per_m", "spool_frequency_Hz", "spool_damping",
-    "position_gain_V_per_m", "position_noise_m", "position_resolution_m", "pressure_noise_Pa", "pressure_resolution_Pa", "stroke_m",
-)]))  # fmt: skip
+)
+SHEET = np.dtype(
+    (
+        np.record,
+        [
+            (name, "f8")
+            for name in (
+                "tick_s",
+                "voltage_max_V",
+                "edge_V",
+                "velocity_gain_m_s_V",
+                "velocity_gain_V_s_per_m",
+                "spool_frequency_Hz",
+                "spool_damping",
+                "position_gain_V_per_m",
+                "position_noise_m",
+                "position_resolution_m",
+                "pressure_noise_Pa",
+                "pressure_resolution_Pa",
+                "stroke_m",
+            )
+        ],
+    )
+)
 FASTEST_M_S = 1e3  # no setpoint is faster; it keeps what is computed with it finite
 clip = compiled(compensator.clip)
 lead_gain = compiled(volts_bound.lead_gain)
@@ -300,9 +336,16 @@ class Guarded(Wrapped):
 
     def step(self, state: GuardState, sample: Sample) -> tuple[float, GuardState]:
         todo = check_first(
-            state.guards, sample.setpoint_m, sample.preview_m, sample.position_m, sample.control_V, sample.valve_V,
-            sample.pressure_bottom_Pa, sample.pressure_top_Pa, sample.pressure_supply_Pa,
-        )  # fmt: skip
+            state.guards,
+            sample.setpoint_m,
+            sample.preview_m,
+            sample.position_m,
+            sample.control_V,
+            sample.valve_V,
+            sample.pressure_bottom_Pa,
+            sample.pressure_top_Pa,
+            sample.pressure_supply_Pa,
+        )
         state.acted = todo == ACTS
         if state.acted:
             added, state.inner = self.inner.step(state.inner, sample)
@@ -374,9 +417,18 @@ class GuardedLegs:
         """Volts that are added (n_legs,)."""
         added, had_all = np.zeros(len(self.states)), self._all
         self._all = check_legs(
-            self.guards, legs.setpoint_m, legs.preview_m, legs.counts, legs.position_m, legs.control_V, legs.valve_V,
-            legs.pressure_bottom_Pa, legs.pressure_top_Pa, legs.pressure_supply_Pa, self._todo,
-        )  # fmt: skip
+            self.guards,
+            legs.setpoint_m,
+            legs.preview_m,
+            legs.counts,
+            legs.position_m,
+            legs.control_V,
+            legs.valve_V,
+            legs.pressure_bottom_Pa,
+            legs.pressure_top_Pa,
+            legs.pressure_supply_Pa,
+            self._todo,
+        )
         np.equal(self._todo, ACTS, out=self._acts)
         self.inner.step(legs, self._acts, added, self._finite)
         if isinstance(self.inner, OneByOne):

@@ -173,9 +173,14 @@ class Iterative(Compensator):
 
     def parameters(self, state: IterativeState) -> Parameters:
         return {
-            "function": self.function, "a_V": state.a_V, "q_V": state.q_V, "r_V": state.r_V,
-            "table_V": list(state.table_V), "visits": list(state.visits), "extremes": list(state.extremes),
-        }  # fmt: skip
+            "function": self.function,
+            "a_V": state.a_V,
+            "q_V": state.q_V,
+            "r_V": state.r_V,
+            "table_V": list(state.table_V),
+            "visits": list(state.visits),
+            "extremes": list(state.extremes),
+        }
 
     def refused(self, context: Context, parameters: Parameters) -> str:
         for name in ("table_V", "visits"):

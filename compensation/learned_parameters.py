@@ -8,8 +8,6 @@ from typing import Any
 
 from .compensator import Compensator, Context, Parameters
 
-MOST_CHARACTERS = 60  # of a value that is shown
-
 
 def check_parameters(compensator: Compensator, context: Context, parameters: Any) -> None:
     """Raises ValueError, in one sentence, where these cannot be what `compensator.parameters` gave on this data sheet: not the same
@@ -46,14 +44,18 @@ def is_number(value: Any) -> bool:
         return False
 
 
-def shown(value: Any) -> str:
+def shown(
+    value: Any,
+    *,
+    most_characters: int = 60,  # of a value that is shown
+) -> str:
     """A value as a sentence has it."""
     if value is None:
         return "null"
     if isinstance(value, list | tuple | Mapping):
         return f"a {'table' if isinstance(value, Mapping) else 'list'} of {len(value)}"
     try:
-        return repr(value)[:MOST_CHARACTERS]
+        return repr(value)[:most_characters]
     except ValueError:  # of more digits than Python writes
         return "a number of too many digits"
 

@@ -40,18 +40,37 @@ class Legs:
         """One sample a leg."""
         of_legs = np.array(
             (
-                self.setpoint_m, self.position_m, self.control_V, self.valve_V, self.pressure_bottom_Pa, self.feed_forward_V,
-                self.pressure_top_Pa, self.load_of_pose_m_s2,
+                self.setpoint_m,
+                self.position_m,
+                self.control_V,
+                self.valve_V,
+                self.pressure_bottom_Pa,
+                self.feed_forward_V,
+                self.pressure_top_Pa,
+                self.load_of_pose_m_s2,
             )
-        ).T.tolist()  # fmt: skip
+        ).T.tolist()
         counts, preview, loads, mobility = self.counts.tolist(), self.preview_m, self.load_preview_m_s2, self.mobility
         return [
             Sample(
-                self.time_s, setpoint, preview[i, : counts[i]], position, volts, valve, bottom, self.pressure_supply_Pa, forward,
-                top, loads[i, : counts[i]], self.forces_N, self.speeds_m_s, carried, mobility[i],
+                self.time_s,
+                setpoint,
+                preview[i, : counts[i]],
+                position,
+                volts,
+                valve,
+                bottom,
+                self.pressure_supply_Pa,
+                forward,
+                top,
+                loads[i, : counts[i]],
+                self.forces_N,
+                self.speeds_m_s,
+                carried,
+                mobility[i],
             )
             for i, (setpoint, position, volts, valve, bottom, forward, top, carried) in enumerate(of_legs)
-        ]  # fmt: skip
+        ]
 
 
 class Together(Protocol):

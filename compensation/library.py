@@ -113,10 +113,19 @@ class Library(Compensator):
             pointers = [of_legs.ctypes.data for of_legs in legs]
             self._function("feel")(own, sample.load_of_pose_m_s2, *pointers, len(sample.forces_N))
         state.told = self._function("step")(
-            own, sample.setpoint_m, preview.ctypes.data, len(preview), sample.position_m, sample.control_V,
-            sample.feed_forward_V, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
-            sample.pressure_supply_Pa, ctypes.byref(added),
-        )  # fmt: skip
+            own,
+            sample.setpoint_m,
+            preview.ctypes.data,
+            len(preview),
+            sample.position_m,
+            sample.control_V,
+            sample.feed_forward_V,
+            sample.valve_V,
+            sample.pressure_bottom_Pa,
+            sample.pressure_top_Pa,
+            sample.pressure_supply_Pa,
+            ctypes.byref(added),
+        )
         return added.value, state
 
     def _inner(self, state: LibraryState) -> Any:

@@ -15,8 +15,12 @@ from .compiled import compiled
 from .records import record
 
 LOOP = record(  # state
-    started="i8", position_m="f8", velocity_m_s="f8", pressure_Pa="f8", passed_Pa="f8",
-)  # fmt: skip
+    started="i8",
+    position_m="f8",
+    velocity_m_s="f8",
+    pressure_Pa="f8",
+    passed_Pa="f8",
+)
 
 
 @compiled

@@ -25,10 +25,20 @@ from .guard import ACTS, BEGINS_ANEW, GUARD, RESTARTS, accept, check, start_guar
 EXPORTED = ("adaptive",)  # algorithms that are compiled throughout
 LOADS = 32  # of a preview, more than any algorithm looks ahead
 # What is given before a tick, for that tick alone: `Sample.load_preview_m_s2`, and what all legs of a platform do.
-INPUTS = np.dtype((np.record, [
-    ("loads", "i8"), ("legs", "i8"), ("loads_m_s2", "f8", (LOADS,)), ("pose_m_s2", "f8"), ("mobility", "f8", (MOST_LEGS,)),
-    ("forces_N", "f8", (MOST_LEGS,)), ("speeds_m_s", "f8", (MOST_LEGS,)),
-]))  # fmt: skip
+INPUTS = np.dtype(
+    (
+        np.record,
+        [
+            ("loads", "i8"),
+            ("legs", "i8"),
+            ("loads_m_s2", "f8", (LOADS,)),
+            ("pose_m_s2", "f8"),
+            ("mobility", "f8", (MOST_LEGS,)),
+            ("forces_N", "f8", (MOST_LEGS,)),
+            ("speeds_m_s", "f8", (MOST_LEGS,)),
+        ],
+    )
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,9 +188,19 @@ def guarded(made: Native) -> SimpleNamespace:
         volts, told = guard.output_V, guard.reason
         if todo == ACTS:
             volts, told = step(
-                whole.algorithm, whole.inputs, table, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
-                supply_Pa, forward_V,
-            )  # fmt: skip
+                whole.algorithm,
+                whole.inputs,
+                table,
+                ahead,
+                setpoint_m,
+                position_m,
+                control_V,
+                valve_V,
+                bottom_Pa,
+                top_Pa,
+                supply_Pa,
+                forward_V,
+            )
             volts = accept(guard, volts, forward_V, finite(whole.algorithm, numbers[algorithm:]))
             told = guard.reason if guard.reason else told
         elif todo == BEGINS_ANEW:

@@ -42,15 +42,22 @@ STRAIGHT_TICKS = 25  # for which a preview must be straight, and the motion not,
 PREDICTION = record(  # state
     look="i8",
     past_m=("f8", (2 * PAST,)),  # ring, twice, so that a stretch is in order
-    place="i8", predicted_m=("f8", (MAX_LOOK, PREDICTORS)), error_m=("f8", (PREDICTORS,)),
-    squares_m2=("f8", (PREDICTORS,)), ahead_m=("f8", (3 * PREDICTORS,)), ticks="i8", straight_ticks="i8", active="i8",
+    place="i8",
+    predicted_m=("f8", (MAX_LOOK, PREDICTORS)),
+    error_m=("f8", (PREDICTORS,)),
+    squares_m2=("f8", (PREDICTORS,)),
+    ahead_m=("f8", (3 * PREDICTORS,)),
+    ticks="i8",
+    straight_ticks="i8",
+    active="i8",
     offset_m="f8",  # by which packets made the setpoint jump, less what has come in since
     steady_ticks="i8",  # since it jumped
     usual_m="f8",  # mean size of the error of one tick
-    started="i8", last_m="f8",  # given at the tick before
+    started="i8",
+    last_m="f8",  # given at the tick before
     moved_m="f8",  # in the last tick
     acceleration_m="f8",  # a tick squared, low-pass
-)  # fmt: skip
+)
 
 
 def _row(order: int, ticks: int, look: float, derivative: int = 0) -> np.ndarray:
@@ -76,7 +83,7 @@ def prediction_table() -> np.ndarray:
     return table
 
 
-STEP_TICKS = 12
+STEP_TICKS = 12  # of the parabola that a step is told from
 STEP_ROW = _row(2, STEP_TICKS, 1)
 
 

@@ -21,9 +21,6 @@ from .adaptive.adaptive import Adaptive, AdaptiveState
 from .adaptive.leg import GAIN_DN, GAIN_UP, valve_lag_s
 from .compensator import Context, Parameters, Sample
 
-MAX_PERIOD_S = 20.0
-MIN_TICKS = 20  # in a period
-
 
 @dataclass(slots=True)
 class RepetitiveState(AdaptiveState):
@@ -55,13 +52,19 @@ class Repetitive(Adaptive):
     band_Hz: float = 20.0
     table_max_V: float = 0.3
 
-    def start(self, context: Context) -> RepetitiveState:
+    def start(
+        self,
+        context: Context,
+        *,
+        most_period_s: float = 20.0,  # of a motion that repeats
+        least_ticks: int = 20,  # in a period
+    ) -> RepetitiveState:
         base = super().start(context)
         state = RepetitiveState(context, base.states)
         period = context.period_s
-        if period is not None and period <= MAX_PERIOD_S:
+        if period is not None and period <= most_period_s:
             ticks = round(period * context.rate_Hz)
-            if ticks >= MIN_TICKS and abs(ticks / context.rate_Hz - period) < 1e-3 * context.tick_s:
+            if ticks >= least_ticks and abs(ticks / context.rate_Hz - period) < 1e-3 * context.tick_s:
                 state.ticks = ticks
                 state.error_m, state.correction_V, state.table_V = np.zeros(ticks), np.zeros(ticks), [0.0] * ticks
         return state

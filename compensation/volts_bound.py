@@ -23,9 +23,15 @@ USUAL_SPOOL_HZ = 60.0  # where none is declared
 
 
 def edge_V(
-    overlap_V: float, rounding_V: float, hysteresis_V: float, null_V: float, leak_m_s: float, friction_Pa: float,
-    compliance_m_Pa: float, velocity_gain_m_s_V: float,
-) -> float:  # fmt: skip
+    overlap_V: float,
+    rounding_V: float,
+    hysteresis_V: float,
+    null_V: float,
+    leak_m_s: float,
+    friction_Pa: float,
+    compliance_m_Pa: float,
+    velocity_gain_m_s_V: float,
+) -> float:
     """e [V]. overlap_V, rounding_V: the widest of the edges; hysteresis_V: half its width; leak_m_s: of the piston; friction_Pa: the
     step of the load pressure at a reversal; compliance_m_Pa: of the oil at mid-stroke; velocity_gain_m_s_V: k."""
     oil_m_s = leak_m_s + compliance_m_Pa * friction_Pa / FRICTION_S

@@ -21,6 +21,7 @@ Which columns does a log have, and what do they mean? Simulated logs, measured l
 """
 SCOPES = {"leg": "leg", "machine": "machine", "translation": "axis", "rotation": "axis", "pose": "pose"}
 
+
 def rows(signals: list[Signal]) -> str:
     """A table of columns."""
     lines = ["| column | what | one for each |", "|---|---|---|"]
@@ -30,11 +31,13 @@ def rows(signals: list[Signal]) -> str:
         lines.append(f"| {own} | {signal.label}{held} | {SCOPES[signal.scope]} |")
     return "\n".join(lines)
 
+
 def page() -> str:
     """The page's text."""
     signals = list(table().values())
     measured, truth = ([one for one in signals if one.measured == seen] for seen in (True, False))
     return f"{HEAD}## Measured\n{rows(measured)}\n\n## Truth of a simulation\n{rows(truth)}\n"
+
 
 if __name__ == "__main__":
     Path(__file__).with_suffix(".md").write_text(page(), encoding="utf-8")

@@ -27,8 +27,13 @@ ROOT = Path(__file__).parents[1]
 DPI = 120  # of figures whose size this script chooses
 SIZE = (760, 1000)  # rows and columns of a picture of a machine
 EFFECTS = (
-    "leakage_supply_to_chamber", "overlap_change", "supply_droop", "valve_hysteresis", "flexible_payload", "presliding",
-)  # fmt: skip
+    "leakage_supply_to_chamber",
+    "overlap_change",
+    "supply_droop",
+    "valve_hysteresis",
+    "flexible_payload",
+    "presliding",
+)
 
 Pictures = Mapping[str, bytes]
 

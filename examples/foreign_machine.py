@@ -117,10 +117,18 @@ class Compensation:
         self.sample_of = compensation.Sample
         self.algorithm = compensation.create_built_in(name)
         context = compensation.Context(
-            rate_Hz=1.0 / TICK_s, position_gain_V_per_m=GAIN_V_m, voltage_max_V=VOLTS, stroke_m=STROKE_m,
-            area_bottom_m2=BOTTOM_m2, area_top_m2=TOP_m2, supply_pressure_Pa=SUPPLY_Pa, bulk_modulus_Pa=BULK_Pa,
-            pipeline_volume_m3=PIPE_m3, spool_damping=DAMPING, spool_frequency_Hz=SPOOL_1_s / (2.0 * math.pi),
-        )  # fmt: skip
+            rate_Hz=1.0 / TICK_s,
+            position_gain_V_per_m=GAIN_V_m,
+            voltage_max_V=VOLTS,
+            stroke_m=STROKE_m,
+            area_bottom_m2=BOTTOM_m2,
+            area_top_m2=TOP_m2,
+            supply_pressure_Pa=SUPPLY_Pa,
+            bulk_modulus_Pa=BULK_Pa,
+            pipeline_volume_m3=PIPE_m3,
+            spool_damping=DAMPING,
+            spool_frequency_Hz=SPOOL_1_s / (2.0 * math.pi),
+        )
         self.state = self.algorithm.restore(context, parameters)
         self.preview = compensation.preview_count(self.algorithm, context)
         self.volts = 0.0
@@ -130,9 +138,15 @@ class Compensation:
         import numpy
 
         sample = self.sample_of(
-            time_s=time_s, setpoint_m=ahead[0], preview_m=numpy.array(ahead), position_m=position, control_V=control,
-            valve_V=self.volts, pressure_bottom_Pa=pressure, pressure_supply_Pa=SUPPLY_Pa,
-        )  # fmt: skip
+            time_s=time_s,
+            setpoint_m=ahead[0],
+            preview_m=numpy.array(ahead),
+            position_m=position,
+            control_V=control,
+            valve_V=self.volts,
+            pressure_bottom_Pa=pressure,
+            pressure_supply_Pa=SUPPLY_Pa,
+        )
         more, self.state = self.algorithm.step(self.state, sample)
         self.volts = min(max(control + more, -VOLTS), VOLTS)
         return self.volts
@@ -163,8 +177,12 @@ class Machine:
     def order(self, command: int) -> None:
         """A command of the host; one that does not fit the state is refused."""
         allowed = {
-            START: (OFF,), RUN_NORMAL: (NEUTRAL,), RETURN_NEUTRAL: (NORMAL,), SETTLE: (NEUTRAL, NORMAL), RESET: (FAULT,),
-        }  # fmt: skip
+            START: (OFF,),
+            RUN_NORMAL: (NEUTRAL,),
+            RETURN_NEUTRAL: (NORMAL,),
+            SETTLE: (NEUTRAL, NORMAL),
+            RESET: (FAULT,),
+        }
         after = {START: STARTING, RUN_NORMAL: NORMAL, RETURN_NEUTRAL: NEUTRAL, SETTLE: SETTLING, RESET: SETTLING}
         if command == 0:
             return

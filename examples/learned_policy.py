@@ -28,10 +28,16 @@ from hexsim.recording.figure_style import legend, new_figure, png, styled
 Array = NDArray[np.float64]
 KEPT = Path(__file__).parents[1] / "docs" / "results" / "learned_policy.json"
 FEATURES = (
-    "tanh(error / 20 um)", "tanh(error / 0.1 mm)", "tanh(error / 1 mm)", "tanh(commanded velocity / 5 mm/s)",
-    "tanh(velocity / 5 mm/s)", "velocity / 0.1 m/s", "pressure less that at rest / 0.05 Ps",
-    "its change in a tick / 0.05 Ps", "commanded acceleration / 0.5 m/s2",
-)  # fmt: skip
+    "tanh(error / 20 um)",
+    "tanh(error / 0.1 mm)",
+    "tanh(error / 1 mm)",
+    "tanh(commanded velocity / 5 mm/s)",
+    "tanh(velocity / 5 mm/s)",
+    "velocity / 0.1 m/s",
+    "pressure less that at rest / 0.05 Ps",
+    "its change in a tick / 0.05 Ps",
+    "commanded acceleration / 0.5 m/s2",
+)
 TASK = Task(authority_V=0.1, frequency_Hz=(0.5, 0.5), duration_s=4.0)  # 0.1 V: twice the overlap's 0.045 V
 HELD_TICKS = 500  # a second
 WATCH_EVERY = 4  # updates
@@ -44,10 +50,18 @@ def features(seen: Array, before: Array) -> Array:
     error, pressure = seen[:, 0], 20.0 * seen[:, 6]
     return np.stack(
         [
-            np.tanh(50 * error), np.tanh(10 * error), np.tanh(error), np.tanh(20 * seen[:, 1]),
-            np.tanh(20 * seen[:, 5]), seen[:, 5], pressure, pressure - 20.0 * before[:, 6], seen[:, 4],
-        ], axis=1,
-    )  # fmt: skip
+            np.tanh(50 * error),
+            np.tanh(10 * error),
+            np.tanh(error),
+            np.tanh(20 * seen[:, 1]),
+            np.tanh(20 * seen[:, 5]),
+            seen[:, 5],
+            pressure,
+            pressure - 20.0 * before[:, 6],
+            seen[:, 4],
+        ],
+        axis=1,
+    )
 
 
 class Law:
@@ -136,10 +150,19 @@ def train(machines: int = MACHINES, updates: int = 40, watched: int = 8, seed: i
                 print(curve[-1], flush=True)
 
     learner = PPO(
-        "MlpPolicy", Gains(), n_steps=2, batch_size=machines, n_epochs=10, gamma=0.0, gae_lambda=1.0,
-        learning_rate=lambda left: 0.02 * max(left, 0.1), max_grad_norm=10.0, seed=seed, device="cpu",
+        "MlpPolicy",
+        Gains(),
+        n_steps=2,
+        batch_size=machines,
+        n_epochs=10,
+        gamma=0.0,
+        gae_lambda=1.0,
+        learning_rate=lambda left: 0.02 * max(left, 0.1),
+        max_grad_norm=10.0,
+        seed=seed,
+        device="cpu",
         policy_kwargs={"net_arch": [], "log_std_init": float(np.log(0.08))},
-    )  # fmt: skip
+    )
     with np.errstate(all="ignore"):
         learner.learn(2 * machines * updates, callback=Watch())
     gains = _mean(learner)

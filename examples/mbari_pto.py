@@ -65,21 +65,24 @@ FLOW = OwnBalance(
     name="flow",
     unit="m3/s",
     target=lambda p: p.mean(D * p["motor_speed_rad_s"]),
-    terms=(
-        Term(name="ram area A", unit="m2", column=lambda p: -p.mean(speed(p)), declared=A, uncertainty=0.03 * A),
-    ),
+    terms=(Term(name="ram area A", unit="m2", column=lambda p: -p.mean(speed(p)), declared=A, uncertainty=0.03 * A),),
     candidates=(
         Term(name="leakage", unit="m3/s/Pa", column=lambda p: -p.mean(pressure(p)), sign=-1),
         Term(name="compressibility V/E", unit="m3/Pa", column=lambda p: -p.rate(pressure(p)), sign=-1),
         Term(name="speed offset", unit="m3/s", column=lambda p: one(p)),
         Term(name="loss with direction", unit="m3/s", column=lambda p: -p.mean(side(p)), sign=-1),
-        Term(name="turbulent leakage", unit="m3/s/Pa^0.5", sign=-1,
-             column=lambda p: -p.mean(np.sign(pressure(p)) * np.sqrt(np.abs(pressure(p))))),
-        Term(name="slip with speed and pressure", unit="m2/Pa",
-             column=lambda p: -p.mean(np.abs(pressure(p)) * speed(p))),
+        Term(
+            name="turbulent leakage",
+            unit="m3/s/Pa^0.5",
+            sign=-1,
+            column=lambda p: -p.mean(np.sign(pressure(p)) * np.sqrt(np.abs(pressure(p)))),
+        ),
+        Term(
+            name="slip with speed and pressure", unit="m2/Pa", column=lambda p: -p.mean(np.abs(pressure(p)) * speed(p))
+        ),
         Term(name="gain with position", unit="m", column=lambda p: -p.mean(speed(p) * (p["position_m"] - 1.0))),
     ),
-)  # fmt: skip
+)
 
 FORCE = OwnBalance(
     name="force",
@@ -87,28 +90,55 @@ FORCE = OwnBalance(
     target=lambda p: p.mean(p["force_N"]),
     terms=(
         Term(name="ram area A", unit="m2", column=lambda p: p.mean(pressure(p)), declared=A, uncertainty=0.03 * A),
-        Term(name="lower gas area", unit="m2", column=lambda p: p.mean(gas(p, "gas_lower_Pa")), declared=A_GAS_LOWER,
-             uncertainty=0.03 * A_GAS_LOWER),
-        Term(name="upper gas area", unit="m2", column=lambda p: -p.mean(gas(p, "gas_upper_Pa")), declared=A_GAS_UPPER,
-             uncertainty=0.03 * A_GAS_UPPER),
-        Term(name="weight and load cell zero", unit="N", column=lambda p: -one(p), declared=WEIGHT_N,
-             uncertainty=WEIGHT_N),
+        Term(
+            name="lower gas area",
+            unit="m2",
+            column=lambda p: p.mean(gas(p, "gas_lower_Pa")),
+            declared=A_GAS_LOWER,
+            uncertainty=0.03 * A_GAS_LOWER,
+        ),
+        Term(
+            name="upper gas area",
+            unit="m2",
+            column=lambda p: -p.mean(gas(p, "gas_upper_Pa")),
+            declared=A_GAS_UPPER,
+            uncertainty=0.03 * A_GAS_UPPER,
+        ),
+        Term(
+            name="weight and load cell zero",
+            unit="N",
+            column=lambda p: -one(p),
+            declared=WEIGHT_N,
+            uncertainty=WEIGHT_N,
+        ),
     ),
     candidates=(
         Term(name="Coulomb friction", unit="N", column=lambda p: p.mean(side(p)), sign=1),
         Term(name="viscous friction", unit="N s/m", column=lambda p: p.mean(speed(p)), sign=1),
         Term(name="turbulent loss", unit="N s2/m2", column=lambda p: p.mean(speed(p) * np.abs(speed(p))), sign=1),
-        Term(name="friction with hydraulic pressure", unit="m2", sign=1,
-             column=lambda p: p.mean(np.abs(pressure(p)) * side(p))),
-        Term(name="friction with gas pressure", unit="m2", sign=1,
-             column=lambda p: p.mean((gas(p, "gas_lower_Pa") + gas(p, "gas_upper_Pa")) * side(p))),
-        Term(name="Stribeck friction", unit="N", sign=1,
-             column=lambda p: p.mean(side(p) * np.exp(-np.abs(speed(p)) / 0.03))),
+        Term(
+            name="friction with hydraulic pressure",
+            unit="m2",
+            sign=1,
+            column=lambda p: p.mean(np.abs(pressure(p)) * side(p)),
+        ),
+        Term(
+            name="friction with gas pressure",
+            unit="m2",
+            sign=1,
+            column=lambda p: p.mean((gas(p, "gas_lower_Pa") + gas(p, "gas_upper_Pa")) * side(p)),
+        ),
+        Term(
+            name="Stribeck friction",
+            unit="N",
+            sign=1,
+            column=lambda p: p.mean(side(p) * np.exp(-np.abs(speed(p)) / 0.03)),
+        ),
         Term(name="spring", unit="N/m", column=lambda p: p.mean(p["position_m"] - 1.0)),
         Term(name="drift of the load cell", unit="N/s", column=lambda p: p.log.time - p.log.time[0]),
         Term(name="added mass", unit="kg", column=lambda p: p.rate(speed(p)), sign=1),
     ),
-)  # fmt: skip
+)
 
 
 def aligned(path: Path) -> Point:

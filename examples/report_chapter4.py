@@ -117,9 +117,10 @@ def inclination(simulation: pl.DataFrame, duration_s: float, out: Path) -> Table
     )
     figure, plots = new_figure(2, "Vertical against inclined leg (4.2)")
     cases = (
-        ("vertical", simulation, ""), (f"inclined by {np.degrees(angle):.0f} deg", inclined, ""),
+        ("vertical", simulation, ""),
+        (f"inclined by {np.degrees(angle):.0f} deg", inclined, ""),
         ("leg 1 of the 600 kg machine", driven, "_1"),
-    )  # fmt: skip
+    )
     table: Table = []
     reference: list[float] = []
     for name, log, mark in cases:
@@ -210,8 +211,9 @@ def whole(simulation: pl.DataFrame, duration_s: float, out: Path) -> Table:
     simulation = late(simulation)
     figure, plots = new_figure(2, "Acceleration (Fig. 4.1): simulation, and with all differences")
     for plot, signal, shown, colour in (
-        (plots[0], "true_acceleration_m_s2", simulation, "C0"), (plots[1], "acceleration_m_s2", log, "C1")
-    ):  # fmt: skip
+        (plots[0], "true_acceleration_m_s2", simulation, "C0"),
+        (plots[1], "acceleration_m_s2", log, "C1"),
+    ):
         plot.plot(shown["time_s"], shown[signal], linewidth=0.7, color=colour)
         plot.set_ylabel("acceleration [m/s2]")
     plots[0].set_title("simulation: constant supply, vertical, sharp valve, no sensor", loc="left")

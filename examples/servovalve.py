@@ -190,9 +190,16 @@ def null_leakage(folder: Path) -> Verdict:
     description += (
         f"{constant:.4f}); one supply pressure only: that the leakage is laminar is not decided by these data"
     )
-    numbers = {"constant_gpm": found[0], "peak_gpm": peak, "clearance_length_mA": length, "null_mA": found[3],
-               "explained": share, "hysteresis_half_width_mA": abs(found[5]), "lag_samples": 20 * abs(found[4]),
-               "conductance_m3_s_Pa": conductance * GPM / PSI}  # fmt: skip
+    numbers = {
+        "constant_gpm": found[0],
+        "peak_gpm": peak,
+        "clearance_length_mA": length,
+        "null_mA": found[3],
+        "explained": share,
+        "hysteresis_half_width_mA": abs(found[5]),
+        "lag_samples": 20 * abs(found[4]),
+        "conductance_m3_s_Pa": conductance * GPM / PSI,
+    }
     return Verdict(problem="null leakage", numbers=numbers, description=description)
 
 

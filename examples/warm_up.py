@@ -36,9 +36,12 @@ def bumps(run: hx.Run) -> tuple[np.ndarray, np.ndarray]:
     """Oil temperature [degC] and peak-to-peak bump [m/s2] in the 50 Hz band of each reversal after the fade-in."""
     log = {name: run.log[name].to_numpy() for name in run.log.columns}
     found = reversal_bumps(
-        log["time_s"], log["true_acceleration_m_s2"], log["commanded_velocity_m_s"], log["commanded_acceleration_m_s2"],
+        log["time_s"],
+        log["true_acceleration_m_s2"],
+        log["commanded_velocity_m_s"],
+        log["commanded_acceleration_m_s2"],
         start_s=run.scenario.fade_s,
-    )  # fmt: skip
+    )
     at = np.array([bump.time_s for bump in found])
     return np.interp(at, log["time_s"], log["oil_temperature_degC"]), np.array([bump.bump_pp for bump in found])
 
@@ -120,10 +123,12 @@ def main(out: Path) -> None:
     (out / "warm_up.png").write_bytes(png(ride_figure(found)))
     (out / "laminar_edge.png").write_bytes(png(edge_figure()))
     ends = {
-        name: {f"{degC:g} degC": round(float(np.interp(degC, heat, np.convolve(bump, np.ones(4) / 4, "same"))), 3)
-               for degC in (16.0, 25.0, 35.0, 45.0, 55.0)}
+        name: {
+            f"{degC:g} degC": round(float(np.interp(degC, heat, np.convolve(bump, np.ones(4) / 4, "same"))), 3)
+            for degC in (16.0, 25.0, 35.0, 45.0, 55.0)
+        }
         for name, (heat, bump) in found.items()
-    }  # fmt: skip
+    }
     table = {"bump_pp_m_s2": ends, "peak_band_m_s2": steps()}
     (out / "warm_up.json").write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(table, indent=1))

@@ -1,7 +1,7 @@
 """A foreign FMU in a process of its own: native code that may hang, crash, exit or leak without taking hexsim with it.
 
 The process gets JSON over its standard input and output, each message after its length in 4 bytes; nothing is unpickled.
-It may take `MEMORY_BYTES`, and ends with the process that began it. It is no sandbox: the code runs with the user's rights,
+It may take `memory_bytes`, and ends with the process that began it. It is no sandbox: the code runs with the user's rights,
 so it runs only where the user says `--allow-native` (in Python: allow_native=True).
 """
 
@@ -27,14 +27,9 @@ from typing import IO, Any
 
 from hexsim.errors import HexsimError, shortened
 
-BEGIN_s = 60.0  # for Python and FMPy to load, on a slow disk
 OPEN_s = 10.0  # to unpack and initialise; compiled models take well below a second
 STEP_s = 5.0  # for one step of milliseconds
-MEMORY_BYTES = 2 << 30  # of the process
 UNPACKED_BYTES = 1 << 30  # on disk
-MEMBERS = 10_000  # files in an FMU
-MESSAGE_BYTES = 64 << 20
-LATE_CHECK_s = 0.05
 LENGTH = struct.Struct("<I")
 
 
@@ -46,7 +41,14 @@ class ForeignFmu:
     or let it be collected.
     """
 
-    def __init__(self, path: Path, *, allow_native: bool, what: str = "FMU") -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        allow_native: bool,
+        what: str = "FMU",
+        begin_s: float = 60.0,  # for Python and FMPy to load, on a slow disk
+    ) -> None:
         self.path, self._name = Path(path), f"{what} {Path(path).name}"
         if not allow_native:
             raise HexsimError(
@@ -61,12 +63,15 @@ class ForeignFmu:
         folder = tempfile.mkdtemp(prefix="hexsim-fmu-")
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "hexsim.foreign_fmu", folder, str(os.getpid())],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), "OMP_NUM_THREADS": "1"},
-        )  # fmt: skip
+        )
         self.close = weakref.finalize(self, _end, self._process, folder)
         threading.Thread(target=_watch, args=(weakref.ref(self),), daemon=True).start()
-        self._receive(BEGIN_s, "begins")
+        self._receive(begin_s, "begins")
         told = self._ask(OPEN_s, "is unpacked", do="open", path=os.path.abspath(self.path))
         self.variables: dict[str, tuple[int, str]] = {
             str(name): (int(reference), str(causality)) for name, reference, causality in told["variables"]
@@ -109,7 +114,11 @@ class ForeignFmu:
         return answer
 
 
-def _watch(reference: weakref.ref[ForeignFmu]) -> None:
+def _watch(
+    reference: weakref.ref[ForeignFmu],
+    *,
+    late_check_s: float = 0.05,  # between two looks whether it hangs
+) -> None:
     """Kill the process once it is late; end with it."""
     while (fmu := reference()) is not None and fmu._process.poll() is None:
         if time.monotonic() > fmu._deadline:
@@ -117,7 +126,7 @@ def _watch(reference: weakref.ref[ForeignFmu]) -> None:
             _kill(fmu._process)
             return
         del fmu
-        time.sleep(LATE_CHECK_s)
+        time.sleep(late_check_s)
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
@@ -150,13 +159,17 @@ def _send(stream: IO[bytes], message: dict[str, Any]) -> None:
     stream.flush()
 
 
-def _receive(stream: IO[bytes]) -> dict[str, Any]:
+def _receive(
+    stream: IO[bytes],
+    *,
+    message_bytes: int = 64 << 20,  # of a reply: more than the variables of any FMU
+) -> dict[str, Any]:
     """The next message. EOFError at the end, ValueError for what is none."""
     head = stream.read(LENGTH.size)
     if len(head) < LENGTH.size:
         raise EOFError
     (length,) = LENGTH.unpack(head)
-    if length > MESSAGE_BYTES:
+    if length > message_bytes:
         raise ValueError("too long")
     data = stream.read(length)
     if len(data) < length:
@@ -209,12 +222,16 @@ class Opened:
         return {"values": [float(value) for value in self.get(self.outputs)] if self.outputs else []}
 
 
-def _check_archive(path: str) -> None:
+def _check_archive(
+    path: str,
+    *,
+    most_files: int = 10_000,  # files in an FMU
+) -> None:
     """Refuse what unpacks to too much, or elsewhere."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
-    if len(members) > MEMBERS or sum(member.file_size for member in members) > UNPACKED_BYTES:
-        raise ValueError(f"it holds more than {MEMBERS} files or {UNPACKED_BYTES >> 30} GB")
+    if len(members) > most_files or sum(member.file_size for member in members) > UNPACKED_BYTES:
+        raise ValueError(f"it holds more than {most_files} files or {UNPACKED_BYTES >> 30} GB")
     for member in members:
         parts = member.filename.replace("\\", "/").split("/")
         if ".." in parts or not parts[0] or ":" in parts[0] or stat.S_ISLNK(member.external_attr >> 16):
@@ -229,11 +246,14 @@ def _end_with(parent: int, folder: str) -> None:
     os._exit(1)
 
 
-def _limit_memory() -> None:
+def _limit_memory(
+    *,
+    memory_bytes: int = 2 << 30,  # of the process
+) -> None:
     with suppress(ImportError, ValueError, OSError):
         import resource
 
-        resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+        resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
         resource.setrlimit(resource.RLIMIT_FSIZE, (UNPACKED_BYTES, UNPACKED_BYTES))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 

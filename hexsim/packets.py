@@ -7,7 +7,6 @@ from collections import Counter
 
 from hexsim.errors import HexsimError
 
-KINDS = 12  # reasons that are kept apart; a flood of noise must not fill the memory with them
 OTHER = "other packets"
 
 
@@ -28,10 +27,15 @@ def described(data: bytes) -> str:
 
 
 class Refusals(Counter[str]):
-    """How often each reason was given. Reasons beyond `KINDS` count as `OTHER`."""
+    """How often each reason was given. Reasons beyond `most_kinds` count as `OTHER`."""
 
-    def note(self, reason: str) -> None:
-        self[reason if reason in self or len(self) < KINDS else OTHER] += 1
+    def note(
+        self,
+        reason: str,
+        *,
+        most_kinds: int = 12,  # reasons that are kept apart; a flood of noise must not fill the memory with them
+    ) -> None:
+        self[reason if reason in self or len(self) < most_kinds else OTHER] += 1
 
     def line(self, received: int, what: str) -> str:
         """One phrase for a status line, empty where all was understood. what: the protocol that is listened for."""

@@ -149,25 +149,43 @@ class FakeMachine:
             rows = [np.full_like(row, value) for row in rows]
         if lie == "huge":
             rows = [1e6 * row for row in rows]
-        times = {"clock_nan": math.nan, "clock_inf": math.inf, "clock_negative": -5.0, "clock_still": self.at_s,
-                 "clock_jumps": self.time_s + 1e6, "clock_back": 0.5 * self.time_s}  # fmt: skip
+        times = {
+            "clock_nan": math.nan,
+            "clock_inf": math.inf,
+            "clock_negative": -5.0,
+            "clock_still": self.at_s,
+            "clock_jumps": self.time_s + 1e6,
+            "clock_back": 0.5 * self.time_s,
+        }
         if lie not in ("silent", "no_telemetry"):
             first_s = self.time_s - len(rows) * STEP_s
             for k in range(0, len(rows), 4):
                 packet = Telemetry(
-                    n_legs=self.n, sequence=self.sequence, time_s=first_s + k * STEP_s, rate_Hz=1.0 / STEP_s,
+                    n_legs=self.n,
+                    sequence=self.sequence,
+                    time_s=first_s + k * STEP_s,
+                    rate_Hz=1.0 / STEP_s,
                     rows=np.array(rows[k : k + 4]),
-                ).pack()  # fmt: skip
+                ).pack()
                 self.sequence += 1
                 for _ in range(3000 if lie == "flood" else 1):
                     self._socket.sendto(packet, peer)
         if lie == "silent" or (lie == "flood" and self.packets % 2):
             return
         reply = Reply(
-            state=self.state, errors=Error.NONE, sequence=command.sequence, arrived=self.state != State.SETTLING,
-            refused=False, time_s=times.get(lie, self.time_s), behind_s=0.0, age_s=0.0, pose=(0.0,) * 6,
-            reference=(0.0,) * 6, lockstep=self.lockstep, telemetry=True,
-        ).pack()  # fmt: skip
+            state=self.state,
+            errors=Error.NONE,
+            sequence=command.sequence,
+            arrived=self.state != State.SETTLING,
+            refused=False,
+            time_s=times.get(lie, self.time_s),
+            behind_s=0.0,
+            age_s=0.0,
+            pose=(0.0,) * 6,
+            reference=(0.0,) * 6,
+            lockstep=self.lockstep,
+            telemetry=True,
+        ).pack()
         if lie == "version":
             reply = b"HXS9" + reply[4:]
         elif lie == "short":

@@ -91,10 +91,31 @@ def test_options_reach_the_run(tmp_path):
     """Amplitude, frequency, duration, seed, compensator and --set stand in config.toml as they were given."""
     out = tmp_path / "out"
     result = hexsim_command(
-        "run", "heave", *BENCH, "--amplitude", "0.02", "--frequency", "0.8", "--duration", "1", "--seed", "7",
-        "--compensator", "buffered", "--set", "valve.overlap_m=2e-5", "--set", "scenario.fade_s=0.5", "--out", str(out),
-        "--no-recording", "--no-report", "--log-format", "csv.gz", cwd=tmp_path,
-    )  # fmt: skip
+        "run",
+        "heave",
+        *BENCH,
+        "--amplitude",
+        "0.02",
+        "--frequency",
+        "0.8",
+        "--duration",
+        "1",
+        "--seed",
+        "7",
+        "--compensator",
+        "buffered",
+        "--set",
+        "valve.overlap_m=2e-5",
+        "--set",
+        "scenario.fade_s=0.5",
+        "--out",
+        str(out),
+        "--no-recording",
+        "--no-report",
+        "--log-format",
+        "csv.gz",
+        cwd=tmp_path,
+    )
     assert result.exit_code == 0, result.stderr
     assert {path.name for path in out.iterdir()} == {"log.csv.gz", "summary.json", "config.toml", "learned.json"}
     config = tomllib.loads((out / "config.toml").read_text())
@@ -331,9 +352,13 @@ def test_an_interrupted_run_keeps_its_log(tmp_path, number):
     read."""
     arguments = ["run", "heave", *BENCH, "--duration", "2000", "--out", "run", "--no-recording", "--no-report"]
     with subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTIBLE, *arguments], cwd=tmp_path, env=ENVIRONMENT, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    ) as process:  # fmt: skip
+        [sys.executable, "-c", INTERRUPTIBLE, *arguments],
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "simulating\n"
         time.sleep(0.2)

@@ -30,8 +30,13 @@ def command(*arguments: str, cwd: Path, before: str = "", environment=None, **op
     options = {"capture_output": True, **options}
     return subprocess.run(
         [sys.executable, "-c", code, *arguments],
-        cwd=cwd, env=environment or ENVIRONMENT, text=True, check=False, timeout=120, **options,
-    )  # fmt: skip
+        cwd=cwd,
+        env=environment or ENVIRONMENT,
+        text=True,
+        check=False,
+        timeout=120,
+        **options,
+    )
 
 
 # the compiled code is written to its cache first: here it is the run's own files that do not fit
@@ -68,8 +73,18 @@ def test_a_comparison_on_a_full_disk_keeps_its_figures(tmp_path):
 def test_output_that_cannot_be_printed_is_a_sentence(tmp_path):
     """stdout on a full device: code 2 and one line, and the run is in its place."""
     with open("/dev/full", "w") as full:
-        ended = command("run", "heave", *SHORT, *PLAIN, "--out", "run", cwd=tmp_path, capture_output=False, stdout=full,
-                        stderr=subprocess.PIPE)  # fmt: skip
+        ended = command(
+            "run",
+            "heave",
+            *SHORT,
+            *PLAIN,
+            "--out",
+            "run",
+            cwd=tmp_path,
+            capture_output=False,
+            stdout=full,
+            stderr=subprocess.PIPE,
+        )
     assert ended.returncode == 2 and re.fullmatch(r"hexsim: cannot write.*No space left.*\n", ended.stderr), (
         ended.stderr
     )
@@ -224,5 +239,5 @@ def test_estimates_are_above_what_runs_take():
     from hexsim.simulation import simulate
 
     run = simulate(load_machine("bench"), load_scenario("heave", duration_s=2.0), fast=True)
-    assert run.log.width <= resources.COLUMNS_A_LEG
+    assert run.log.width <= check_resources.__kwdefaults__["columns_a_leg"]
     check_resources(load_machine("bench"), 2.0)

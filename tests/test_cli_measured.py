@@ -19,18 +19,32 @@ REPORT = {
     "balances": [],
     "effects": [
         {
-            "name": "leakage_supply_to_chamber", "balance": "continuity", "where": "leg 2",
+            "name": "leakage_supply_to_chamber",
+            "balance": "continuity",
+            "where": "leg 2",
             "tied_with": ["clearance_leakage"],
-            "parameters": {"conductance_m3_s_Pa": 2.4e-12}, "standard_error": {"conductance_m3_s_Pa": 1e-13},
-            "evidence": {"block_cv_gain": 0.41, "blocks": 8, "dBIC": -310}, "description": "oil leaks from the supply",
+            "parameters": {"conductance_m3_s_Pa": 2.4e-12},
+            "standard_error": {"conductance_m3_s_Pa": 1e-13},
+            "evidence": {"block_cv_gain": 0.41, "blocks": 8, "dBIC": -310},
+            "description": "oil leaks from the supply",
         }
     ],
     "unexplained": [
-        {"balance": "force", "where": "leg 1", "rms": 12.0, "unit": "N", "depends_on": "position_m", "r2_cv": 0.82,
-         "frequency_Hz": None, "form": "plain", "memory_s": None, "r2_of_signals": {"position_m": 0.82}}
+        {
+            "balance": "force",
+            "where": "leg 1",
+            "rms": 12.0,
+            "unit": "N",
+            "depends_on": "position_m",
+            "r2_cv": 0.82,
+            "frequency_Hz": None,
+            "form": "plain",
+            "memory_s": None,
+            "r2_of_signals": {"position_m": 0.82},
+        }
     ],
     "error": {"validate": {"position_m": {"declared": 1e-4, "refit": 9e-5, "with_effect": 6e-6, "noise": 3e-6}}},
-}  # fmt: skip
+}
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ def roughness(run: Run, axis: str) -> float:
 @pytest.fixture(scope="module")
 def runs() -> tuple[Run, Run]:
     """Plain control and the adaptive algorithm in six sines of six frequencies."""
-    machine, scenario = load_machine("micro_motion_system"), load_scenario("combined", duration_s=16.0)
+    machine, scenario = load_machine("micro_motion_system"), load_scenario("combined", duration_s=11.0)
     plain, adaptive = (simulate(machine, scenario, compensator=name, fast=True) for name in ("none", "adaptive"))
     return plain, adaptive
 
@@ -53,5 +53,5 @@ def test_legs_engage_together(runs: tuple[Run, Run]) -> None:
 
 def test_legs_that_hardly_move_hold_nobody_up() -> None:
     """Roll: legs 3 and 6 turn with a fifth of the others' acceleration, and yet all six have engaged before 7 s."""
-    machine, scenario = load_machine("micro_motion_system"), load_scenario("roll", duration_s=8.0)
+    machine, scenario = load_machine("micro_motion_system"), load_scenario("roll", duration_s=7.5)
     assert engaged_s(simulate(machine, scenario, compensator="adaptive", fast=True)).max() < 7.0

@@ -12,8 +12,14 @@ from hexsim.simulation import simulate
 from hexsim.tracing.friction.identification import identify_friction
 
 MEASURED = (
-    "time_s", "setpoint_m", "position_m", "valve_V", "pressure_bottom_Pa", "pressure_supply_Pa", "acceleration_m_s2",
-)  # fmt: skip
+    "time_s",
+    "setpoint_m",
+    "position_m",
+    "valve_V",
+    "pressure_bottom_Pa",
+    "pressure_supply_Pa",
+    "acceleration_m_s2",
+)
 
 
 def test_the_scenario_holds_the_whole_experiment():

@@ -168,9 +168,12 @@ def test_a_machine_becomes_another_in_flight_and_its_figures_are_those_of_a_run(
     `hexsim run` of the one machine to that of the other. 2 %: noise of other seeds, and 2 periods in place of 8."""
     bench, motion = load_machine("bench"), load_scenario("heave", frequency_Hz=1.0)
     other = {
-        "valve.overlap_m": 15e-6, "valve.spool_frequency_Hz": 40.0, "friction.coulomb_extend_N": 100.0,
-        "effects.leakage_supply_to_chamber.conductance_m3_s_Pa": 1e-12, "effects.valve_delay.delay_s": 0.004,
-    }  # fmt: skip
+        "valve.overlap_m": 15e-6,
+        "valve.spool_frequency_Hz": 40.0,
+        "friction.coulomb_extend_N": 100.0,
+        "effects.leakage_supply_to_chamber.conductance_m3_s_Pa": 1e-12,
+        "effects.valve_delay.delay_s": 0.004,
+    }
     recent = RecentMotion()
     live, wanted = LiveMachine(bench, motion, observe=recent.note), changed(bench, other)
     for machine in (bench, wanted):

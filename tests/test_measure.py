@@ -50,8 +50,14 @@ def value(rows, test: str, figure: str) -> float:
     return next(row["value"] for row in rows if row["test"] == test and row["figure"].startswith(figure))
 
 
-FIGURES = (("half-hertz noise", "noise ratio"), ("half-hertz noise", "low harmonics"), ("half-hertz noise", "high harmonics"),
-           ("half-hertz noise", "peak"), ("half-hertz noise", "parasitic"), ("leg balance", "largest"))  # fmt: skip
+FIGURES = (
+    ("half-hertz noise", "noise ratio"),
+    ("half-hertz noise", "low harmonics"),
+    ("half-hertz noise", "high harmonics"),
+    ("half-hertz noise", "peak"),
+    ("half-hertz noise", "parasitic"),
+    ("leg balance", "largest"),
+)
 
 
 def test_figures_of_a_simulated_log_are_those_of_qualify(hexapod, played, tmp_path):
@@ -94,8 +100,10 @@ def test_place_axes_and_gravity_of_accelerometers_drop_out(hexapod):
     for k, size, f in ((2, 0.05, 0.5), (4, 0.1, 1.0), (3, 0.05, 0.7)):
         w = 2 * np.pi * f
         pose[:, k], rates[:, k], accelerations[:, k] = (
-            size * np.sin(w * t), size * w * np.cos(w * t), -size * w * w * np.sin(w * t),
-        )  # fmt: skip
+            size * np.sin(w * t),
+            size * w * np.cos(w * t),
+            -size * w * w * np.sin(w * t),
+        )
     twist, twist_rate = mechanics.twist(pose, rates), mechanics.twist_rate(pose, rates, accelerations)
     origin = mechanics.to_platform_frame(pose, twist_rate)
     offset, turn = np.array([0.1, -0.2, 0.3]), (10.0, -20.0, 30.0)

@@ -30,12 +30,14 @@ def chain_with(**changes):
 
 def test_characteristic_volts_of_the_report():
     """3.3431 V at rest and 0.826 V more at 1 g; 4 V at 315 bar; the test output of half stroke is 0 V."""
-    log = pl.DataFrame({
-        "time_s": [0.0, 1.0],
-        "acceleration_m_s2": [0.0, 9.81],
-        "pressure_bottom_Pa": [0.0, 315e5],
-        "position_m": [0.1, 0.2],
-    })  # fmt: skip
+    log = pl.DataFrame(
+        {
+            "time_s": [0.0, 1.0],
+            "acceleration_m_s2": [0.0, 9.81],
+            "pressure_bottom_Pa": [0.0, 315e5],
+            "position_m": [0.1, 0.2],
+        }
+    )
     volts = to_scope_volts(log, chain_with(**IDEAL))
     assert volts["scope_acceleration_V"].to_list() == pytest.approx([3.3431, 3.3431 + 0.826], rel=1e-9)
     assert volts["scope_pressure_bottom_V"].to_list() == pytest.approx([0.0, 4.0], rel=1e-9)
@@ -71,8 +73,9 @@ def test_round_trip_without_a_converter():
     log = random_log()
     back = from_scope_volts(to_scope_volts(log, chain_with(**IDEAL)), chain_with(**IDEAL))
     assert set(log.columns) - set(back.columns) == {
-        *(f"true_position_{i}_m" for i in range(1, 7)), *(f"angular_acceleration_{axis}_rad_s2" for axis in "xyz")
-    }  # fmt: skip
+        *(f"true_position_{i}_m" for i in range(1, 7)),
+        *(f"angular_acceleration_{axis}_rad_s2" for axis in "xyz"),
+    }
     for name in back.columns:
         assert np.allclose(back[name], log[name], rtol=1e-12, atol=1e-12 * np.abs(log[name]).max())
 

@@ -11,9 +11,18 @@ W = 2 * np.pi * 0.5
 
 @pytest.mark.parametrize(
     ("kind", "frequency_Hz", "factor"),
-    [("k", 1.0, 0.482), ("k", 4.0, 0.967), ("k", 8.0, 1.036), ("k", 16.0, 0.768), ("k", 31.5, 0.405),
-     ("d", 1.0, 1.011), ("d", 2.0, 0.890), ("d", 4.0, 0.512), ("d", 8.0, 0.253)],
-)  # fmt: skip
+    [
+        ("k", 1.0, 0.482),
+        ("k", 4.0, 0.967),
+        ("k", 8.0, 1.036),
+        ("k", 16.0, 0.768),
+        ("k", 31.5, 0.405),
+        ("d", 1.0, 1.011),
+        ("d", 2.0, 0.890),
+        ("d", 4.0, 0.512),
+        ("d", 8.0, 0.253),
+    ],
+)
 def test_weightings_are_those_of_the_standard(kind: str, frequency_Hz: float, factor: float) -> None:
     """ISO 2631-1:1997, table 3, within 1 % (its frequencies are third octaves, rounded)."""
     assert abs(weighting(kind, frequency_Hz)) == pytest.approx(factor, rel=0.01)

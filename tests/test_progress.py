@@ -42,8 +42,11 @@ def test_compiling_is_said_once_and_is_no_part_of_the_speed(tmp_path):
     for name in ("cold", "warm"):
         ended = subprocess.run(
             [sys.executable, "-m", "hexsim", *arguments, str(tmp_path / name)],
-            env=environment, capture_output=True, text=True, check=True,
-        )  # fmt: skip
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         said.append(ended.stderr.count("compiling (once)"))
         factors.append(float(ended.stdout.split('"realtime_factor": ')[1].split(",")[0]))
     assert said == [1, 0]

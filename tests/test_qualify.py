@@ -9,9 +9,9 @@ from scipy.signal import cont2discrete, lfilter
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
+from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.qualification import QUICK, Battery, Motion, Plan, Row, measures, qualify
 from hexsim.scenarios import Scenario
-from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.setpoints.signals import Sine, Triangle
 
 TAU = 0.03  # s, of the first-order system

@@ -30,8 +30,12 @@ def found(example, tmp_path_factory):
 def test_it_writes_its_figures_and_table(found):
     """Four figures and a table."""
     assert {path.name for path in found[0].iterdir()} == {
-        "acceleration.png", "flow_curve.png", "inclination.png", "supply.png", "table.txt"
-    }  # fmt: skip
+        "acceleration.png",
+        "flow_curve.png",
+        "inclination.png",
+        "supply.png",
+        "table.txt",
+    }
 
 
 @pytest.mark.parametrize("who", ["supply, one leg", "supply, six legs, heave"])

@@ -106,9 +106,14 @@ def test_bench_refuses_legs_it_has_not():
 def test_actuator_mode_moves_one_leg(machine):
     """In actuator mode only the selected actuator gets a setpoint."""
     scenario = scenario_from_dict(
-        {"name": "one", "mode": "actuator", "duration_s": 1.0, "fade_s": 0.0,
-         "axes": {"leg_3": {"kind": "sine", "amplitude": 0.01, "frequency_Hz": 0.5}}}
-    )  # fmt: skip
+        {
+            "name": "one",
+            "mode": "actuator",
+            "duration_s": 1.0,
+            "fade_s": 0.0,
+            "axes": {"leg_3": {"kind": "sine", "amplitude": 0.01, "frequency_Hz": 0.5}},
+        }
+    )
     log = simulate(machine, scenario, fast=True).log
     spans = [log[f"setpoint_{i}_m"].max() - log[f"setpoint_{i}_m"].min() for i in range(1, 7)]
     assert spans[2] == pytest.approx(0.01, rel=0.01)
@@ -169,8 +174,12 @@ def test_interrupted_run_keeps_its_log():
 
 def test_sensors_do_what_they_declare():
     """Noise, quantisation, gain, offset and delay of the log's channels are those declared."""
-    changes = {"sensors.position_delay_s": 0.003, "sensors.pressure_gain": 1.02, "sensors.pressure_offset_Pa": 1e4,
-               "sensors.acceleration_resolution_m_s2": 0.01}  # fmt: skip
+    changes = {
+        "sensors.position_delay_s": 0.003,
+        "sensors.pressure_gain": 1.02,
+        "sensors.pressure_offset_Pa": 1e4,
+        "sensors.acceleration_resolution_m_s2": 0.01,
+    }
     log = simulate(changed(load_machine("bench"), changes), load_scenario("heave", duration_s=4.0), fast=True).log
     position, true = log["position_m"].to_numpy(), log["true_position_m"].to_numpy()
     steps = position / 3e-6
@@ -189,9 +198,11 @@ def test_a_slow_log_changes_no_figure_and_no_reading(rate_Hz):
     """Figures, and what transducers with filter, lag and delay read, are those of the log at 1 kHz: a tone of 60 Hz behind a
     filter of 30 Hz reads the same in every row that both logs have."""
     keys = {
-        "sensors.acceleration_filter_Hz": 30.0, "sensors.acceleration_delay_s": 0.004, "sensors.position_lag_s": 0.01,
+        "sensors.acceleration_filter_Hz": 30.0,
+        "sensors.acceleration_delay_s": 0.004,
+        "sensors.position_lag_s": 0.01,
         "effects": {"outside_force_tone": {"amplitude_N": 100.0, "frequency_Hz": 60.0}},
-    }  # fmt: skip
+    }
     bench, scenario = changed(load_machine("bench"), keys), load_scenario("heave", duration_s=4.0)
     quick = simulate(bench, scenario)
     slow = simulate(changed(bench, {"sensors.log_rate_Hz": rate_Hz}), scenario)

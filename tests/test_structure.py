@@ -30,9 +30,22 @@ def test_no_pickle_anywhere():
 
 
 EXTRAS = {
-    "distributed", "asammdf", "matio", "ziglang", "fmpy", "mcap", "rosbags", "gymnasium", "viser", "mjviser", "exudyn", "h5py",
-    "pandas", "stable_baselines3", "control",
-}  # fmt: skip
+    "distributed",
+    "asammdf",
+    "matio",
+    "ziglang",
+    "fmpy",
+    "mcap",
+    "rosbags",
+    "gymnasium",
+    "viser",
+    "mjviser",
+    "exudyn",
+    "h5py",
+    "pandas",
+    "stable_baselines3",
+    "control",
+}
 OF_AN_EXTRA = ("hexsim.gym", "hexsim.web")  # packages that are nothing without it
 IMPORT_ALL = """
 import importlib, pkgutil, sys

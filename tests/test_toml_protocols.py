@@ -56,11 +56,16 @@ def test_attitude_with_inertial_acceleration_in_a_packet(made):
     packets = made(
         'bytes = 24\nacceleration = "world"\n'
         + fields(
-            {"forward_m_s2": 'type = "f"\noffset = 0', "left_m_s2": 'type = "f"\noffset = 4\nfactor = -1.0',
-             "up_m_s2": 'type = "f"\noffset = 8', "roll_rad": 'type = "f"\noffset = 12\nfactor = 0.017453292519943295',
-             "pitch_rad": 'type = "f"\noffset = 16', "yaw_rad": 'type = "f"\noffset = 20'}
+            {
+                "forward_m_s2": 'type = "f"\noffset = 0',
+                "left_m_s2": 'type = "f"\noffset = 4\nfactor = -1.0',
+                "up_m_s2": 'type = "f"\noffset = 8',
+                "roll_rad": 'type = "f"\noffset = 12\nfactor = 0.017453292519943295',
+                "pitch_rad": 'type = "f"\noffset = 16',
+                "yaw_rad": 'type = "f"\noffset = 20',
+            }
         )
-    )  # fmt: skip
+    )
     rolled = packets(struct.pack("<6f", 0, 0, 0, 30.0, 0, 0))
     assert rolled.acceleration == pytest.approx((0.0, G / 2.0, G * (math.cos(math.pi / 6) - 1.0)), abs=1e-5)
     assert packets(struct.pack("<6f", 0, 0, 2, 0, 0, 0)).acceleration == pytest.approx((0.0, 0.0, 2.0), abs=1e-5)

@@ -9,18 +9,7 @@ import numpy as np
 import pytest
 
 from hexsim.cli.flown import vehicle_of
-from hexsim.cueing.protocols import (
-    PROTOCOLS,
-    RREF_NAMES,
-    VehicleMotion,
-    beamng,
-    flightgear,
-    outsim,
-    rref_requests,
-    xplane,
-    xplane12,
-    xplane_rref,
-)
+from hexsim.cueing.protocols import PROTOCOLS, RREF_NAMES, VehicleMotion, rref_requests
 from hexsim.cueing.toml_protocol import protocol
 from hexsim.cueing.washout import Washout, poses, washout_of
 from hexsim.errors import HexsimError
@@ -29,6 +18,10 @@ from hexsim.motion_computer.states import State
 from hexsim.recording.washout_figure import washout_figure
 from hexsim.simulation.serve import HostInput, Server
 from hexsim.simulation.vehicle_link import Vehicle
+
+beamng, flightgear, outsim, xplane, xplane12, xplane_rref = (
+    PROTOCOLS[name] for name in ("beamng", "flightgear", "outsim", "xplane", "xplane12", "xplane-rref")
+)
 
 FOOT = 0.3048
 
@@ -450,10 +443,11 @@ def take_off(seconds: float, folder) -> list[tuple[float, bytes]]:
     return packets
 
 
-def test_a_take_off_is_felt(tmp_path) -> None:
+def test_a_take_off_is_felt(tmp_path, monkeypatch) -> None:
     """JSBSim's C172 takes off and is pulled up: packets at 60 Hz, 5 % lost, up to 5 ms late, on the tuned machine. Full
     throttle pushes forward, the pull-up raises; the machine follows the washout without a fault, and what is felt comes
     at most 40 ms after the setpoint in every axis that moves."""
+    monkeypatch.chdir(tmp_path)  # JSBSim leaves a table where it runs
     rng, packets = np.random.default_rng(0), take_off(19.0, tmp_path)
     found = [flightgear(data) for _, data in packets]
     assert all(isinstance(one, VehicleMotion) for one in found) and len(found) > 1000
@@ -461,9 +455,11 @@ def test_a_take_off_is_felt(tmp_path) -> None:
     assert max(one.acceleration[2] for one in found[800:]) > 1.0
     waiting = sorted((t + rng.uniform(0.0, 0.005), data) for t, data in packets if rng.random() > 0.05)
     with Server(
-        load_machine("micro_motion_system/tuned"), port=0, timestep=2e-4,
+        load_machine("micro_motion_system/tuned"),
+        port=0,
+        timestep=2e-4,
         host_input=HostInput(vehicle=Vehicle(decode=flightgear)),
-    ) as server:  # fmt: skip
+    ) as server:
         host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         while waiting:
             while waiting and waiting[0][0] <= server.time_s:

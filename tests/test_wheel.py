@@ -71,8 +71,10 @@ def test_wheel_runs_elsewhere(installed, tmp_path):
     """`hexsim run heave` works in an empty folder; it compiles all equations anew."""
     run = subprocess.run(
         [installed / "hexsim", "run", "heave", "--fast", "--duration", "1", "--out", "here"],
-        cwd=tmp_path, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
     assert run.returncode == 0, run.stderr
     assert (tmp_path / "here" / "summary.json").is_file()
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

@@ -18,9 +18,16 @@ FAMILIES = ("reality", "wide", "single")
 DECLARED = ("nothing", "sheet", "right")
 # Relative uncertainty of a sheet's number, uniform half width or, where it is a factor, of its logarithm.
 SHEET = {
-    "supply": 0.02, "pipeline": 0.3, "position noise": math.log(2.0), "pressure noise": math.log(2.0), "spool": 0.15,
-    "damping": 0.25, "stribeck": math.log(2.0), "edge": 0.3, "velocity gain": 0.15,
-}  # fmt: skip
+    "supply": 0.02,
+    "pipeline": 0.3,
+    "position noise": math.log(2.0),
+    "pressure noise": math.log(2.0),
+    "spool": 0.15,
+    "damping": 0.25,
+    "stribeck": math.log(2.0),
+    "edge": 0.3,
+    "velocity gain": 0.15,
+}
 
 
 @dataclass(frozen=True)
@@ -84,10 +91,14 @@ def draw_leg(
 def sheet_of(c: Any, declared: str, random: np.random.Generator) -> Context:
     """The data sheet of the numbers c."""
     known: dict[str, Any] = {
-        "position_gain_V_per_m": float(c.gain_V_m), "stroke_m": float(c.stroke_m), "area_bottom_m2": float(c.area_bottom_m2),
-        "area_top_m2": float(c.area_top_m2), "four_way": bool(c.four_way > 0.5), "supply_pressure_Pa": 7e6,
+        "position_gain_V_per_m": float(c.gain_V_m),
+        "stroke_m": float(c.stroke_m),
+        "area_bottom_m2": float(c.area_bottom_m2),
+        "area_top_m2": float(c.area_top_m2),
+        "four_way": bool(c.four_way > 0.5),
+        "supply_pressure_Pa": 7e6,
         "pipeline_volume_top_m3": 5e-7 if c.four_way > 0.5 else 0.0,
-    }  # fmt: skip
+    }
     if declared == "nothing":
         return Context(**known)
     off = {
@@ -101,10 +112,15 @@ def sheet_of(c: Any, declared: str, random: np.random.Generator) -> Context:
     gain = float(flow / c.area_bottom_m2 * (1.0 - abs(c.port_skew)))
     level = c.friction * (c.coulomb_up_N + c.static_up_N + c.coulomb_down_N + c.static_down_N)
     edge = edge_V(
-        (abs(c.overlap_m) + abs(c.edge_skew_m)) / plant.TRAVEL_m_V, c.rounding_m * max(1.0, c.rounding_ratio) / plant.TRAVEL_m_V,
-        c.backlash_V, abs(c.null_V), (c.leak_supply_1 + c.leak_1_tank + c.leak_piston) * c.supply_Pa / c.area_bottom_m2,
-        level / c.area_bottom_m2, (0.1 + c.dead_m3 / c.area_bottom_m2) / c.bulk_Pa, gain,
-    )  # fmt: skip
+        (abs(c.overlap_m) + abs(c.edge_skew_m)) / plant.TRAVEL_m_V,
+        c.rounding_m * max(1.0, c.rounding_ratio) / plant.TRAVEL_m_V,
+        c.backlash_V,
+        abs(c.null_V),
+        (c.leak_supply_1 + c.leak_1_tank + c.leak_piston) * c.supply_Pa / c.area_bottom_m2,
+        level / c.area_bottom_m2,
+        (0.1 + c.dead_m3 / c.area_bottom_m2) / c.bulk_Pa,
+        gain,
+    )
     noise_V = 4.0 * c.gain_V_m * math.hypot(c.position_noise_m, c.position_resolution_m)
     known |= {
         "supply_pressure_Pa": float(c.supply_Pa * off["supply"]),
@@ -115,8 +131,10 @@ def sheet_of(c: Any, declared: str, random: np.random.Generator) -> Context:
         "position_resolution_m": float(c.position_resolution_m),
         "pressure_noise_Pa": float(c.pressure_noise_Pa * off["pressure noise"]),
         "pressure_resolution_Pa": float(c.pressure_resolution_Pa),
-        "spool_damping": float(c.damping * off["damping"]), "spool_frequency_Hz": float(c.spool_Hz * off["spool"]),
+        "spool_damping": float(c.damping * off["damping"]),
+        "spool_frequency_Hz": float(c.spool_Hz * off["spool"]),
         "stribeck_velocity_m_s": float(c.stribeck_m_s * off["stribeck"]),
-        "edge_V": max(float(edge * off["edge"]), float(noise_V)), "velocity_gain_m_s_V": gain * off["velocity gain"],
-    }  # fmt: skip
+        "edge_V": max(float(edge * off["edge"]), float(noise_V)),
+        "velocity_gain_m_s_V": gain * off["velocity gain"],
+    }
     return Context(**known)

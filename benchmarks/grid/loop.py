@@ -16,9 +16,19 @@ from compensation import Compensator, Sample, preview_count
 
 RATE_HZ = 500.0
 COLUMNS = (
-    "position_m", "pressure_bottom_Pa", "pressure_top_Pa", "pressure_supply_Pa", "valve_V", "added_V", "true_position_m",
-    "true_velocity_m_s", "true_pressure_bottom_Pa", "true_pressure_top_Pa", "true_pressure_supply_Pa", "true_spool_V",
-)  # fmt: skip
+    "position_m",
+    "pressure_bottom_Pa",
+    "pressure_top_Pa",
+    "pressure_supply_Pa",
+    "valve_V",
+    "added_V",
+    "true_position_m",
+    "true_velocity_m_s",
+    "true_pressure_bottom_Pa",
+    "true_pressure_top_Pa",
+    "true_pressure_supply_Pa",
+    "true_spool_V",
+)
 
 
 @dataclass
@@ -60,8 +70,16 @@ class Bench:
         reads = np.empty((4, steps + 1))
         reads[:, 0] = self.state[[plant.Y, plant.P1, plant.P2, plant.PS]]
         self.parts = (
-            leg.numbers, self.state, np.zeros(2), np.zeros(steps), reads, self.acceleration, instants, noises, leg.pieces
-        )  # fmt: skip
+            leg.numbers,
+            self.state,
+            np.zeros(2),
+            np.zeros(steps),
+            reads,
+            self.acceleration,
+            instants,
+            noises,
+            leg.pieces,
+        )
         self.out = np.empty(4)
         plant.read(leg.numbers, reads, noises[0], 0.0, leg.pieces, self.out)
 

@@ -100,8 +100,12 @@ def ride(seed: int) -> Motion:
 
 
 MOTIONS: dict[str, Callable[[int], Motion]] = {
-    "sine": sine, "multisine": multisine, "irregular": irregular, "slow": slow, "ride": ride,
-}  # fmt: skip
+    "sine": sine,
+    "multisine": multisine,
+    "irregular": irregular,
+    "slow": slow,
+    "ride": ride,
+}
 
 
 def motion_of(name: str, seed: int) -> Motion:

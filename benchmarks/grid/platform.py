@@ -26,10 +26,16 @@ from hexsim.simulation import Run, simulate
 MACHINE, SCENARIO, DURATION_S = "micro_motion_system", "heave", 28.0
 COLUMN = "true_acceleration_z_m_s2"
 FIELDS = {  # of a context, and the row of SHEET that says how far it is off
-    "spool_frequency_Hz": "spool", "spool_damping": "damping", "position_noise_m": "position noise", "edge_V": "edge",
-    "pressure_noise_Pa": "pressure noise", "stribeck_velocity_m_s": "stribeck", "velocity_gain_m_s_V": "velocity gain",
-    "supply_pressure_Pa": "supply", "pipeline_volume_m3": "pipeline",
-}  # fmt: skip
+    "spool_frequency_Hz": "spool",
+    "spool_damping": "damping",
+    "position_noise_m": "position noise",
+    "edge_V": "edge",
+    "pressure_noise_Pa": "pressure noise",
+    "stribeck_velocity_m_s": "stribeck",
+    "velocity_gain_m_s_V": "velocity gain",
+    "supply_pressure_Pa": "supply",
+    "pipeline_volume_m3": "pipeline",
+}
 
 
 @dataclass(frozen=True)
@@ -57,14 +63,20 @@ def drawn_machine(seed: int) -> tuple[dict[str, Any], tuple[tuple[str, float], .
     machine = load_machine(MACHINE)
     rubs, load = orders(0.5, 3.0), uniform(0.75, 1.6)
     changes: dict[str, Any] = {
-        "valve.spool_frequency_Hz": orders(30.0, 150.0), "valve.spool_damping": uniform(0.4, 1.2),
-        "valve.overlap_m": uniform(0.0, 2e-5), "valve.edge_rounding_m": orders(5e-7, 5e-6),
-        "valve.hysteresis_percent": uniform(0.0, 0.6), "valve.null_shift_percent": uniform(-1.0, 1.0),
-        "friction.stribeck_velocity_m_s": orders(2e-3, 1.5e-2), "oil.bulk_modulus_Pa": uniform(0.75e9, 1.65e9),
-        "controller.gain_V_per_m": orders(25.0, 100.0), "sensors.position_noise_m": orders(1e-6, 1e-5),
-        "sensors.pressure_noise_Pa": orders(2e3, 3e4), "load.platform_mass_kg": 600.0 * load,
+        "valve.spool_frequency_Hz": orders(30.0, 150.0),
+        "valve.spool_damping": uniform(0.4, 1.2),
+        "valve.overlap_m": uniform(0.0, 2e-5),
+        "valve.edge_rounding_m": orders(5e-7, 5e-6),
+        "valve.hysteresis_percent": uniform(0.0, 0.6),
+        "valve.null_shift_percent": uniform(-1.0, 1.0),
+        "friction.stribeck_velocity_m_s": orders(2e-3, 1.5e-2),
+        "oil.bulk_modulus_Pa": uniform(0.75e9, 1.65e9),
+        "controller.gain_V_per_m": orders(25.0, 100.0),
+        "sensors.position_noise_m": orders(1e-6, 1e-5),
+        "sensors.pressure_noise_Pa": orders(2e3, 3e4),
+        "load.platform_mass_kg": 600.0 * load,
         "load.platform_inertia_kg_m2": [load * x for x in machine.load.platform_inertia_kg_m2 or ()],
-    }  # fmt: skip
+    }
     for kind, unit in (("viscous", "N_s_m"), ("coulomb", "N"), ("static", "N")):
         for way in ("extend", "retract"):
             name = f"{kind}_{way}_{unit}"
@@ -100,7 +112,13 @@ def judged_platform(seed: int, compensator: str, declared: str) -> tuple[Figures
     engaged = [leg["engaged_at_s"] for leg in legs if leg["engaged"]]
     reason = "; ".join(f"leg {leg['leg']}: {leg['reason']}" for leg in legs if leg["reason"])
     found = Figures(
-        late(plain, motion), late(made, motion), len(made), int(is_worse(plain, made).sum()), int(is_worse(either, made).sum()),
-        int(is_worse(plain, again).sum()), float((made - either).max()), max(engaged) if len(engaged) == len(legs) > 0 else None,
-    )  # fmt: skip
+        late(plain, motion),
+        late(made, motion),
+        len(made),
+        int(is_worse(plain, made).sum()),
+        int(is_worse(either, made).sum()),
+        int(is_worse(plain, again).sum()),
+        float((made - either).max()),
+        max(engaged) if len(engaged) == len(legs) > 0 else None,
+    )
     return found, reason, drawn_machine(seed)[0]

@@ -70,7 +70,14 @@ TOP_m2 = math.pi / 4 * (0.04**2 - 0.03**2)
 
 NUMBERS = (
     # load and supply
-    Number("mass_kg", "kg", 50.0, uniform(51.0, 210.0), uniform(51.0, 210.0), "a leg's share of the load, people and equipment"),
+    Number(
+        "mass_kg",
+        "kg",
+        50.0,
+        uniform(51.0, 210.0),
+        uniform(51.0, 210.0),
+        "a leg's share of the load, people and equipment",
+    ),
     Number("spring_N_m", "N/m", 0.0, None, uniform(-3e3, 3e3, 0.3), "the other legs' gravity, cables"),
     Number("supply_Pa", "Pa", 7e6, None, uniform(6.3e6, 7.7e6), "pump setting"),
     Number("line_Pa_s_m3", "Pa s/m3", 0.0, None, orders(1e8, 1.5e9, 0.5), "droop: at 0.2 l/s 0.02 to 0.3 MPa"),
@@ -81,7 +88,14 @@ NUMBERS = (
     Number("area_bottom_m2", "m2", BOTTOM_m2, None, None, "piston of 40 mm"),
     Number("area_top_m2", "m2", TOP_m2, None, None, "rod of 30 mm; four-way: of 0 to 30 mm, drawn apart"),
     Number("stroke_m", "m", 0.2, None, None, ""),
-    Number("bulk_Pa", "Pa", 1.5e9, uniform(0.75e9, 1.65e9), uniform(0.75e9, 1.65e9), "x 0.5 to 1.1 of the sheet: air, hoses, heat"),
+    Number(
+        "bulk_Pa",
+        "Pa",
+        1.5e9,
+        uniform(0.75e9, 1.65e9),
+        uniform(0.75e9, 1.65e9),
+        "x 0.5 to 1.1 of the sheet: air, hoses, heat",
+    ),
     Number("density", "kg/m3", 860.0, None, uniform(840.0, 880.0), "mineral oils, 20 to 50 degC"),
     Number("viscosity", "Pa s", 0.04, None, orders(0.015, 0.09), "VG 46 at 60 to 25 degC"),
     Number("dead_m3", "m3", 5e-7, None, orders(5e-7, 2e-5), "manifold and pipe"),
@@ -94,23 +108,69 @@ NUMBERS = (
     Number("leak_1_tank", "m3/s/Pa", 0.0, None, orders(1e-13, 2.5e-12, 0.5), "bottom side to tank"),
     Number("leak_supply_2", "m3/s/Pa", 0.0, None, orders(1e-13, 2.5e-12, 0.5), "four-way only"),
     Number("leak_2_tank", "m3/s/Pa", 0.0, None, orders(1e-13, 2.5e-12, 0.5), "four-way only"),
-    Number("leak_piston", "m3/s/Pa", 0.0, None, orders(1e-13, 2.5e-12, 0.5), "four-way only; a three-way leg's is leak_supply_1"),
+    Number(
+        "leak_piston",
+        "m3/s/Pa",
+        0.0,
+        None,
+        orders(1e-13, 2.5e-12, 0.5),
+        "four-way only; a three-way leg's is leak_supply_1",
+    ),
     # valve
     Number("spool_Hz", "Hz", 60.0, orders(30.0, 150.0), orders(25.0, 250.0), "proportional to servo valves"),
     Number("damping", "", 0.7, uniform(0.4, 1.2), uniform(0.4, 1.4), "of the spool"),
-    Number("amplifier_s", "s", 0.0, orders(1e-4, 2e-3), orders(1e-4, 3e-3, 0.8), "current loop, pilot stage: the third order"),
+    Number(
+        "amplifier_s",
+        "s",
+        0.0,
+        orders(1e-4, 2e-3),
+        orders(1e-4, 3e-3, 0.8),
+        "current loop, pilot stage: the third order",
+    ),
     Number("slew_V_s", "V/s", 1e4, None, orders(250.0, 2e3, 0.5), "full travel in 5 to 40 ms"),
-    Number("overlap_m", "m", 5e-6, uniform(0.0, 2e-5), uniform(-5e-6, 4e-5), "110 um a volt: underlap 45 mV, overlap 0.36 V"),
+    Number(
+        "overlap_m",
+        "m",
+        5e-6,
+        uniform(0.0, 2e-5),
+        uniform(-5e-6, 4e-5),
+        "110 um a volt: underlap 45 mV, overlap 0.36 V",
+    ),
     Number("rounding_m", "m", 5e-7, orders(5e-7, 5e-6), orders(5e-7, 5e-6), "new to worn edges"),
     Number("rounding_ratio", "", 1.0, None, uniform(0.5, 2.0, 0.5), "tank edge over supply edge, worn unequally"),
     Number("edge_tail", "", 0.0, None, whole(0, 1), "0: closes exponentially, 1: as two round corners"),
-    Number("edge_skew_m", "m", 0.0, None, uniform(-3e-6, 3e-6, 0.5), "of the supply edge's corner: overlaps unequal by 6 um"),
+    Number(
+        "edge_skew_m",
+        "m",
+        0.0,
+        None,
+        uniform(-3e-6, 3e-6, 0.5),
+        "of the supply edge's corner: overlaps unequal by 6 um",
+    ),
     Number("port_skew", "", 0.0, None, uniform(-0.15, 0.15, 0.5), "gain of the supply edge over the tank edge"),
-    Number("land_m", "m", 0.0, None, orders(2e-7, 5e-6, 0.6), "slot that viscosity sees; with it a nearly shut edge is laminar"),
+    Number(
+        "land_m",
+        "m",
+        0.0,
+        None,
+        orders(2e-7, 5e-6, 0.6),
+        "slot that viscosity sees; with it a nearly shut edge is laminar",
+    ),
     Number("laminar_Pa", "Pa", 1e4, None, orders(1e3, 8e5), "below it any opening is laminar"),
-    Number("bend", "1/V", 0.0, uniform(-0.2, 0.3), uniform(-0.2, 0.4), "change of the gain by 1 V, twice that far away"),
-    Number("backlash_V", "V", 0.0, uniform(0.0, 0.03), uniform(0.0, 0.03), "half width; 0.3 % of the range is a sheet's figure"),
-    Number("backlash_spread", "", 0.0, None, uniform(0.0, 0.6, 0.5), "share that a narrower play has: magnetic hysteresis"),
+    Number(
+        "bend", "1/V", 0.0, uniform(-0.2, 0.3), uniform(-0.2, 0.4), "change of the gain by 1 V, twice that far away"
+    ),
+    Number(
+        "backlash_V",
+        "V",
+        0.0,
+        uniform(0.0, 0.03),
+        uniform(0.0, 0.03),
+        "half width; 0.3 % of the range is a sheet's figure",
+    ),
+    Number(
+        "backlash_spread", "", 0.0, None, uniform(0.0, 0.6, 0.5), "share that a narrower play has: magnetic hysteresis"
+    ),
     Number("null_V", "V", 0.0, uniform(-0.1, 0.1), uniform(-0.15, 0.15), "1 % of the range"),
     Number("null_drift_V_s", "V/s", 0.0, None, uniform(-1e-3, 1e-3, 0.5), "30 mV in a run"),
     Number("valve_delay_s", "s", 0.0, None, uniform(0.0, 4e-3, 0.7), "digital valve, fieldbus"),
@@ -125,7 +185,9 @@ NUMBERS = (
     Number("stribeck_m_s", "m/s", 5e-3, orders(2e-3, 1.5e-2), orders(2e-3, 1.5e-2), "over which it falls"),
     Number("sharpness_m_s", "m/s", 2e-4, None, orders(1e-4, 1e-3), "of the sign where there are no bristles"),
     Number("bristle_N_m", "N/m", 0.0, None, orders(1e6, 1e7, 0.6), "presliding stiffness of seals"),
-    Number("bristle_ratio", "", 1.0, None, uniform(1.0, 5.0), "stiffness of one bristle over the other's: memory of turns"),
+    Number(
+        "bristle_ratio", "", 1.0, None, uniform(1.0, 5.0), "stiffness of one bristle over the other's: memory of turns"
+    ),
     Number("bristle_N_s_m", "N s/m", 1e3, None, orders(3e2, 2e3), "their damping"),
     Number("friction_lag_s", "s", 0.0, None, orders(1e-3, 2e-2, 0.4), "frictional memory"),
     Number("seal_N_Pa", "N/Pa", 0.0, None, orders(1e-6, 1e-5, 0.5), "Coulomb friction for P1"),
@@ -148,7 +210,7 @@ NUMBERS = (
     Number("pressure_lag_s", "s", 0.0, None, orders(2e-4, 2e-3, 0.7), "transducer and its line"),
     Number("supply_delay_s", "s", 0.0, None, uniform(0.0, 2e-3, 0.5), ""),
     Number("supply_lag_s", "s", 0.0, None, orders(2e-4, 5e-3, 0.7), ""),
-)  # fmt: skip
+)
 LAYOUT = np.dtype([(number.name, "f8") for number in NUMBERS])
 NOMINAL = {number.name: number.nominal for number in NUMBERS}
 

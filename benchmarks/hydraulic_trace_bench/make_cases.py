@@ -240,9 +240,10 @@ def main() -> int:
     for case in chosen(options.cases, all_cases(options.first_seed)):
         truths[case.name] = truth_of(case)
         made[case.name] = {
-            "seed": case.seed, "content_sha256": write_case(case, options.out / "cases"),
+            "seed": case.seed,
+            "content_sha256": write_case(case, options.out / "cases"),
             "truth_sha256": hash_of_truth(truths[case.name]),
-        }  # fmt: skip
+        }
         if options.first_seed == FIRST_SEED and known and made[case.name] != known[case.name]:
             differing.append(case.name)
     (options.out / "truth.json").write_text(json.dumps(truths, indent=1) + "\n", encoding="utf-8")

@@ -118,10 +118,13 @@ def table(truths, answers):
         numbers = [scored[name][1] for name in chosen if scored[name][1] is not None]
         of = len(chosen)
         return {
-            "class": label, "cases": of, **counts,
+            "class": label,
+            "cases": of,
+            **counts,
             "interval": {score: [round(x, 4) for x in interval(counts[score], of)] for score in SCORES},
-            "numbers_right": sum(numbers), "numbers": len(numbers),
-        }  # fmt: skip
+            "numbers_right": sum(numbers),
+            "numbers": len(numbers),
+        }
 
     rows = []
     for cause in CAUSES:

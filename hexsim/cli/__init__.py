@@ -27,9 +27,6 @@ from hexsim.cli import (
 )
 from hexsim.cli.errors import SentenceGroup
 
-# libraries make a million objects that stay: at Python's threshold of 700 looking through them takes a tenth of a run
-OBJECTS_A_COLLECTION = 100_000
-
 app = typer.Typer(
     name="hexsim",
     cls=SentenceGroup,
@@ -76,5 +73,6 @@ def _common(
 
 def main() -> None:
     """Entry point of the `hexsim` command."""
-    gc.set_threshold(OBJECTS_A_COLLECTION)
+    # libraries make a million objects that stay: at Python's threshold of 700 looking through them takes a tenth of a run
+    gc.set_threshold(100_000)
     app()

@@ -58,9 +58,15 @@ def compare(
         tasks = {name: bar.add_task(name, total=1.0) for name in names}
         with terminated_like_interrupted():
             runs = run_all(
-                with_machine, what, names, fast=fast, seed=seed, timestep=timestep, host=options.host_of(host),
+                with_machine,
+                what,
+                names,
+                fast=fast,
+                seed=seed,
+                timestep=timestep,
+                host=options.host_of(host),
                 progress=lambda name, fraction: bar.update(tasks[name], completed=fraction),
-            )  # fmt: skip
+            )
             try:
                 write_comparison(runs, folder.path, log_format=log_format, recording=recording, step=step_of(bar))
             except (HexsimError, OSError) as error:

@@ -13,14 +13,18 @@ from typer.core import TyperGroup
 
 from hexsim.errors import HexsimError, shortened
 
-EXIT_CODE = 2
+EXIT_CODE = 2  # of every refusal, as Click's own
 UsageError: Any = typer.BadParameter.__bases__[0]  # click's, which newer versions of Typer hold inside
 TAG = re.compile(r"(\\*)(\[[a-z#/@][^[]*?\])")  # what Rich takes for markup
-LONGEST_SENTENCE = 2000  # characters
 MOVED = {
-    "machines": "list machines", "scenarios": "list scenarios", "compensators": "list compensators", "effects": "list effects",
-    "measure": "test log", "valve": "test valve", "schema": "export schema",
-}  # fmt: skip
+    "machines": "list machines",
+    "scenarios": "list scenarios",
+    "compensators": "list compensators",
+    "effects": "list effects",
+    "measure": "test log",
+    "valve": "test valve",
+    "schema": "export schema",
+}
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the disk, the user's share of it, the largest file allowed
 
 
@@ -97,6 +101,10 @@ def _drop_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def say(sentence: str) -> None:
+def say(
+    sentence: str,
+    *,
+    most_characters: int = 2000,  # a screenful
+) -> None:
     """One line on stderr."""
-    typer.echo(f"hexsim: {shortened(' '.join(sentence.split()), LONGEST_SENTENCE)}", err=True)
+    typer.echo(f"hexsim: {shortened(' '.join(sentence.split()), most_characters)}", err=True)

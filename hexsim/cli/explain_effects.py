@@ -38,9 +38,14 @@ def print_explanation(name: str, out: Path | None, json: bool) -> None:
         {"name": p.name, "unit": p.unit, "typical": p.typical, "bounds": list(p.bounds)} for p in effect.parameters
     ]
     texts = {
-        "effect": effect.name, "balance": effect.balance, "what": effect.description, "source": effect.source,
-        "signature": said.signature, "check": said.check, "mend": said.mend,
-    }  # fmt: skip
+        "effect": effect.name,
+        "balance": effect.balance,
+        "what": effect.description,
+        "source": effect.source,
+        "signature": said.signature,
+        "check": said.check,
+        "mend": said.mend,
+    }
     if json:
         return print_json(texts | {"parameters": sizes, "picture": None if place is None else str(place)})
     console = output()

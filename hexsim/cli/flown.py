@@ -11,7 +11,7 @@ from hexsim.packets import address_of
 if TYPE_CHECKING:
     from hexsim.simulation.vehicle_link import Vehicle
 
-LOOPBACK, XPLANE_PORT = "127.0.0.1", 49000  # where X-Plane takes packets, by its own documentation
+LOOPBACK = "127.0.0.1"
 RREF_RATE_Hz = 60  # that X-Plane is asked for; it sends once a frame at most
 PORT = 47110  # of hexsim.simulation.serve; a test holds them together, because importing it loads the simulator
 
@@ -36,8 +36,13 @@ def vehicle_of(source: str, strict: bool) -> Vehicle:
     if name != "xplane-rref":
         return Vehicle(decode=protocol(source), name=source, strict=strict)
     allowed = "xplane-rref, or xplane-rref@ADDRESS or xplane-rref@ADDRESS:PORT"
-    address = address_of(where if at else LOOPBACK, XPLANE_PORT, f"--from {source!r}", allowed)
+    # where X-Plane takes packets, by its own documentation
+    address = address_of(where if at else LOOPBACK, 49000, f"--from {source!r}", allowed)
     return Vehicle(
-        decode=protocol(name), name=name, strict=strict, address=address,
-        requests=tuple(rref_requests(RREF_RATE_Hz)), farewell=tuple(rref_requests(0)),
-    )  # fmt: skip
+        decode=protocol(name),
+        name=name,
+        strict=strict,
+        address=address,
+        requests=tuple(rref_requests(RREF_RATE_Hz)),
+        farewell=tuple(rref_requests(0)),
+    )

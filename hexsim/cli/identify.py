@@ -95,10 +95,15 @@ def _draw(machine: Path, out: Path, compensate: bool, largest: float) -> None:
         legs = limiter.motion(setpoints)["leg"]
         rows.append(
             (
-                name.replace("_", " "), f"{len(setpoints) * limiter.period_s:.1f}", f"{1e3 * abs(legs[0]).max():.1f}",
-                f"{1e3 * abs(legs[1]).max():.0f}", f"{abs(legs[2]).max():.2f}", f"{abs(legs[3]).max():.0f}", str(place),
+                name.replace("_", " "),
+                f"{len(setpoints) * limiter.period_s:.1f}",
+                f"{1e3 * abs(legs[0]).max():.1f}",
+                f"{1e3 * abs(legs[1]).max():.0f}",
+                f"{abs(legs[2]).max():.2f}",
+                f"{abs(legs[3]).max():.0f}",
+                str(place),
             )
-        )  # fmt: skip
+        )
     header = ("motion", "s", "leg mm", "mm/s", "m/s2", "m/s3", "picture")
     output().print(text_table("Motions that would be driven; nothing was", header, rows))
     output().print(

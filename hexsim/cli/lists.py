@@ -99,5 +99,8 @@ def effects() -> Rows:
 
 
 LISTS: dict[str, Callable[[], Rows]] = {
-    "machines": machines, "scenarios": scenarios, "compensators": compensators, "effects": effects,
-}  # fmt: skip
+    "machines": machines,
+    "scenarios": scenarios,
+    "compensators": compensators,
+    "effects": effects,
+}

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from hexsim.simulation.stream import Stream
     from hexsim.web.machine_page import MachinePage
 
-FRAME_S = 1.0 / 60.0
-LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
-CLOSING_S = 5.0
 KEYS = "space pause   Enter 100 kg for 1 s   Backspace start again   ctrl + right mouse push   sliders: panel Control"
 SPACE, ENTER, BACKSPACE = 32, 257, 259  # GLFW's numbers
 
@@ -65,9 +62,11 @@ def live(
     if not source and washout != "classical":
         raise HexsimError("--washout acts on the packets of a simulator: give --from too")
     with_machine, what = options.prepare(
-        scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings,
+        scenario or "heave",
+        options.Motion(machine=machine, amplitude=amplitude, frequency=frequency),
+        settings,
         allow_native=allow_native,
-    )  # fmt: skip
+    )
     looker = options.stream_of(stream)
     looking = contextlib.closing(looker) if looker else contextlib.nullcontext()
     with compiling_said(lambda text: typer.echo(text, err=True)), looking:
@@ -85,9 +84,14 @@ def live(
 
 
 def serve_page(
-    machine: Machine, scenario: Scenario, compensator: str, names: tuple[str, str], port: int, seconds: float | None,
+    machine: Machine,
+    scenario: Scenario,
+    compensator: str,
+    names: tuple[str, str],
+    port: int,
+    seconds: float | None,
     stream: Stream | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Serve the page until Ctrl-C, or for `seconds`. names: of machine and scenario, as typed."""
     with page_needed():
         from hexsim.web import Page, Session
@@ -98,9 +102,16 @@ def serve_page(
 
 
 def fly(
-    machine: Machine, source: str, washout: str, compensator: str, name: str, listen: str, port: int,
-    seconds: float | None, stream: Stream | None = None,
-) -> None:  # fmt: skip
+    machine: Machine,
+    source: str,
+    washout: str,
+    compensator: str,
+    name: str,
+    listen: str,
+    port: int,
+    seconds: float | None,
+    stream: Stream | None = None,
+) -> None:
     """Serve the page of a machine that a simulator flies. name: of the machine, as typed. listen: ADDRESS:PORT."""
     with page_needed():
         from hexsim.web import Flight, FlightPage
@@ -142,7 +153,14 @@ def warn(sentences: Sequence[str]) -> None:
         typer.echo(f"warning: {text}", err=True)
 
 
-def show(machine: LiveMachine, seconds: float | None = None) -> None:
+def show(
+    machine: LiveMachine,
+    seconds: float | None = None,
+    *,
+    frame_s: float = 1.0 / 60.0,  # of a screen
+    longest_s: float = 0.1,  # a computer that is slower than real time shows slow motion instead of standing still
+    closing_s: float = 5.0,  # for the viewer's thread to end
+) -> None:
     """Run the viewer until its window is closed, or for `seconds`."""
     from mujoco.viewer import launch_passive
 
@@ -159,7 +177,7 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
             viewer.is_running() and not stop.is_set() and (seconds is None or time.perf_counter() - started < seconds)
         ):
             now = time.perf_counter()
-            due, last = min(now - last, LONGEST_CATCH_UP_S), now
+            due, last = min(now - last, longest_s), now
             with viewer.lock():
                 while not pressed.empty():
                     press(machine, pressed.get())
@@ -169,11 +187,11 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
             took = time.perf_counter() - now
             viewer.set_texts((None, TOP_LEFT, *overlay(machine, due, took)))
             viewer.sync()
-            time.sleep(max(0.0, FRAME_S - (time.perf_counter() - now)))
+            time.sleep(max(0.0, frame_s - (time.perf_counter() - now)))
     machine.cavitation.end()
     warn(machine.cavitation.unsaid())
     for thread in set(threading.enumerate()) - before:  # the window's own: it must be gone before Python ends
-        thread.join(timeout=CLOSING_S)
+        thread.join(timeout=closing_s)
 
 
 def check_screen() -> None:

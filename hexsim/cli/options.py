@@ -37,27 +37,35 @@ AnyScenario = Annotated[
 MachineName = Annotated[
     str | None,
     typer.Option(
-        "--machine", "-m", help="Name, folder or TOML file; default: the scenario's.",
+        "--machine",
+        "-m",
+        help="Name, folder or TOML file; default: the scenario's.",
         autocompletion=completion.machines,
     ),
-]  # fmt: skip
+]
 GivenMachine = Annotated[
     str, typer.Argument(help="Name, folder or TOML file of a machine.", autocompletion=completion.machines)
 ]
 CompensatorName = Annotated[
     str,
     typer.Option(
-        "--compensator", "-c", help="Name (see `hexsim list compensators`) or package.module:Class.",
+        "--compensator",
+        "-c",
+        help="Name (see `hexsim list compensators`) or package.module:Class.",
         autocompletion=completion.compensators,
     ),
-]  # fmt: skip
+]
 CompensatorNames = Annotated[
     str,
     typer.Option(
-        "--compensator", "--compensators", "-c", help="Name (see `hexsim list compensators`) or package.module:Class. Several with "
-        "commas, or all: side by side.", autocompletion=completion.several(completion.compensators),
+        "--compensator",
+        "--compensators",
+        "-c",
+        help="Name (see `hexsim list compensators`) or package.module:Class. Several with "
+        "commas, or all: side by side.",
+        autocompletion=completion.several(completion.compensators),
     ),
-]  # fmt: skip
+]
 Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes (m, or degrees for rotations).")]
 Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes (Hz).")]
 Duration = Annotated[float | None, typer.Option(help="Simulated time (s).")]

@@ -120,9 +120,18 @@ def print_candidates(report: Mapping[str, Any], console: Any) -> None:
     """Verdict and candidates of a machine that is simulated."""
     console.print(f"verdict  {report['verdict']}")
     rows = [
-        (one["effect"], one["verdict"], f"{one['nats']:.1f}", name, f"{of['before']:.3g}", f"{of['after']:.3g}", one["why"])
-        for one in report["candidates"] for name, of in one["held_out"].items()
-    ]  # fmt: skip
+        (
+            one["effect"],
+            one["verdict"],
+            f"{one['nats']:.1f}",
+            name,
+            f"{of['before']:.3g}",
+            f"{of['after']:.3g}",
+            one["why"],
+        )
+        for one in report["candidates"]
+        for name, of in one["held_out"].items()
+    ]
     header = ("effect", "judgment", "gain [nats]", "output", "held out before", "with it", "why")
     console.print(text_table("Candidates that were fitted", header, rows))
     for line in report["remarks"]:
@@ -163,8 +172,9 @@ def print_simulated(report: Mapping[str, Any], console: Any) -> None:
     """Residuals of free runs, and numbers."""
     rows = [
         (run, "never seen" if of["held_out"] else "fitted", name, f"{rms:.4g} {of['unit'].get(name, '')}")
-        for run, of in report["runs"].items() for name, rms in of["rms"].items()
-    ]  # fmt: skip
+        for run, of in report["runs"].items()
+        for name, rms in of["rms"].items()
+    ]
     console.print(text_table("Free runs from recorded inputs", ("run", "", "output", "rms of the residual"), rows))
     numbers = [
         (

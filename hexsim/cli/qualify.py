@@ -92,18 +92,29 @@ def _recorded(folder: Path) -> dict[str, Any]:
 
 
 def _pack(
-    machine: Machine, found: Findings, folder: Path, compensator: str, washout: str, ground: str | None, pilot: str,
+    machine: Machine,
+    found: Findings,
+    folder: Path,
+    compensator: str,
+    washout: str,
+    ground: str | None,
+    pilot: str,
     report: Callable[[float], None],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """The tests of the pack beyond the battery's, and its files."""
     from hexsim.cueing.washout import washout_of
     from hexsim.qualification.pack import write_pack
 
     return write_pack(
-        machine, found, folder, compensator=compensator, flight=washout_of(washout),
-        ground=washout_of(ground) if ground else None, pilot_m=_three(pilot, "--pilot"),
+        machine,
+        found,
+        folder,
+        compensator=compensator,
+        flight=washout_of(washout),
+        ground=washout_of(ground) if ground else None,
+        pilot_m=_three(pilot, "--pilot"),
         progress=lambda fraction: report(0.5 + 0.5 * fraction),
-    )  # fmt: skip
+    )
 
 
 def measure(
@@ -134,9 +145,11 @@ def measure(
     kind = {"bench": "bench", "hexapod": "micro_motion_system"}.get(record.kind, "bench")
     with_machine, _ = options.prepare("heave", options.Motion(machine=machine or kind), settings)
     imu = Imu(
-        offset_m=_three(imu_offset, "--imu-offset"), turn_deg=_three(imu_turn, "--imu-turn"), has_gravity=imu_gravity,
+        offset_m=_three(imu_offset, "--imu-offset"),
+        turn_deg=_three(imu_turn, "--imu-turn"),
+        has_gravity=imu_gravity,
         bandwidth_Hz=imu_bandwidth or math.inf,
-    )  # fmt: skip
+    )
     with run_folder(out or default_folder(f"measure-{record.name}")) as folder, terminated_like_interrupted():
         result = run(record, with_machine, folder.path, imu if sensors or imu != Imu() else None)
         place = folder.finish()

@@ -77,16 +77,35 @@ def run(
     if many.is_grid(settings):
         many.refuse({**of_one, "--host": host, "--compensator all": compensator == many.ALL}, "many values")
         return sweep(
-            scenario, out or many.default_table(scenario), settings, str(seed), compensator, motion, not fast, timestep,
-            json=json, allow_native=allow_native,
-        )  # fmt: skip
+            scenario,
+            out or many.default_table(scenario),
+            settings,
+            str(seed),
+            compensator,
+            motion,
+            not fast,
+            timestep,
+            json=json,
+            allow_native=allow_native,
+        )
     if many.are_several(compensator):
         many.refuse(of_one, "several compensators")
         names = None if compensator == many.ALL else compensator
         return compare(
-            scenario, names, motion, seed, fast, timestep, out, json, settings, host=host, recording=recording, log_format=log_format,
+            scenario,
+            names,
+            motion,
+            seed,
+            fast,
+            timestep,
+            out,
+            json,
+            settings,
+            host=host,
+            recording=recording,
+            log_format=log_format,
             allow_native=allow_native,
-        )  # fmt: skip
+        )
     with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
     if mcap:
         from hexsim.recording.mcap import check_library
@@ -103,9 +122,16 @@ def run(
         payloads = payload_on(chosen, payload, connect or [], allow_native) if payload else []
 
         done = simulate(
-            with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
-            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"), interventions=payloads, host=options.host_of(host),
-        )  # fmt: skip
+            with_machine,
+            what,
+            compensator=compensator,
+            fast=fast,
+            seed=seed,
+            timestep=timestep,
+            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"),
+            interventions=payloads,
+            host=options.host_of(host),
+        )
         place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report, mcap=mcap)
     if json:
         print_json(summary_of(done))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hexsim.simulation import Run
     from hexsim.simulation.serve_status import Status
 
-LONGEST_LOG_S = 600.0
+LONGEST_LOG_S = 600.0  # that is kept in memory: 2 GB of a hexapod at 1 kHz at most
 
 
 def register(app: typer.Typer) -> None:
@@ -74,17 +74,27 @@ def serve(
         raise HexsimError("--from and --lockstep exclude each other: a vehicle's packets hold no machine time")
 
     host_input = HostInput(
-        buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=flown.vehicle_of(source, strict) if source else None,
+        buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms,
+        vehicle=flown.vehicle_of(source, strict) if source else None,
         washout=washout_of(washout),
-    )  # fmt: skip
+    )
     looker = options.stream_of(stream)
     with terminated_like_interrupted():
         with compiling_said(tell):
             server = Server(
-                with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
-                telemetry=telemetry, lockstep=lockstep, host_input=host_input, stream=looker,
+                with_machine,
+                host,
+                port,
+                compensator=compensator,
+                scenario=what,
+                start=start,
+                timestep=timestep,
+                telemetry=telemetry,
+                lockstep=lockstep,
+                host_input=host_input,
+                stream=looker,
                 record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
-            )  # fmt: skip
+            )
         address = f"{server.address[0]}:{server.address[1]}"
         with server, stop_when_signalled() as stop:  # before it says that it listens: whoever reads that may signal
             tell(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it")

@@ -17,8 +17,7 @@ from hexsim.cli.console import output, print_json, progress, terminated_like_int
 from hexsim.cli.errors import say
 from hexsim.errors import HexsimError, shortened
 
-CONNECT_TIMEOUT_S = 10
-PATIENCE_S = 60.0  # a nanny begins a new worker within seconds
+CONNECT_TIMEOUT_S = 10  # a scheduler that is there answers within one
 
 
 def register(app: typer.Typer) -> None:
@@ -68,9 +67,15 @@ def sweep(
     with_machine, what = options.prepare(scenario, motion, allow_native=allow_native)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
     grid_cases = cases(
-        what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full,
-        timestep=timestep, draws=draws,
-    )  # fmt: skip
+        what,
+        with_machine,
+        settings=grid,
+        seeds=parse_seeds(seeds),
+        compensators=names_of(compensators),
+        fast=not full,
+        timestep=timestep,
+        draws=draws,
+    )
     counted = {"runs": len(grid_cases), "failed": 0}
 
     with progress() as bar, terminated_like_interrupted():
@@ -129,7 +134,12 @@ def parse_seeds(text: str) -> Sequence[int]:
 
 
 @contextmanager
-def executor_of(scheduler: str | None, workers: int | None) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
+def executor_of(
+    scheduler: str | None,
+    workers: int | None,
+    *,
+    patience_s: float = 60.0,  # a nanny begins a new worker within seconds
+) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
     """Processes here, or a Dask cluster; how many workers there are; what raises HexsimError once none is left."""
     if scheduler is None:
         from hexsim.studies.workers import Workers
@@ -163,7 +173,7 @@ def executor_of(scheduler: str | None, workers: int | None) -> Iterator[tuple[Ex
                 gone.clear()
                 return
             gone.append(time.monotonic())
-            if gone[-1] - gone[0] > PATIENCE_S:
+            if gone[-1] - gone[0] > patience_s:
                 raise HexsimError(
                     f"no worker is left at {scheduler}; finished rows are kept: start workers with `dask worker {scheduler}` "
                     "and run the same command again to go on"

@@ -133,9 +133,12 @@ def trace_machine(
     place = find_machine_file(machine).resolve()
     asked = Asked(
         machine=str(machine.resolve() if machine.exists() else machine),
-        fit=tuple(fit), validate=tuple(validate), load_kg=carried[0], loaded=tuple(carried[1]),
+        fit=tuple(fit),
+        validate=tuple(validate),
+        load_kg=carried[0],
+        loaded=tuple(carried[1]),
         mapping=None if mapping is None else str(mapping.resolve()),
-    )  # fmt: skip
+    )
     out = out or default_folder(f"trace-{place.parent.name}")
 
     def work(folder: Path, show: Show, keep: Keep) -> Trace:
@@ -304,10 +307,11 @@ def _effects(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tupl
     rows = []
     for effect in report.get("effects", []):
         values = [
-            f"{key} = {value:.3g}, {why}" if (why := without_error(effect, key))
+            f"{key} = {value:.3g}, {why}"
+            if (why := without_error(effect, key))
             else f"{key} = {value:.3g} ± {effect.get('standard_error', {}).get(key, float('nan')):.1g}"
             for key, value in effect.get("parameters", {}).items()
-        ]  # fmt: skip
+        ]
         name = effect["name"] or "learned term"
         tied = ", ".join(effect.get("tied_with", [])) or "–"
         gain = number(effect.get("evidence", {}).get("block_cv_gain"))
@@ -320,11 +324,14 @@ def _unexplained(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[
 
     rows = [
         (
-            item["balance"], item["where"], f"{number(item['rms'])} {item['unit']}", str(item.get("depends_on") or "–"),
+            item["balance"],
+            item["where"],
+            f"{number(item['rms'])} {item['unit']}",
+            str(item.get("depends_on") or "–"),
             number(item.get("r2_cv")),
         )
         for item in report.get("unexplained", [])
-    ]  # fmt: skip
+    ]
     return "Unexplained residuals", ("balance", "where", "rms", "depends on", "R²"), rows
 
 

@@ -39,6 +39,8 @@ def tune(
         return
     plain = max(bump for _, bump in taught.plain_m_s2)
     console = output()
-    console.print(f"bump at the second reversal {taught.second_m_s2:.3f} m/s2, at the last ones {taught.final_m_s2:.3f}; "
-                  f"plain control {plain:.3f} (peak to peak, 50 Hz, on the twin)")  # fmt: skip
+    console.print(
+        f"bump at the second reversal {taught.second_m_s2:.3f} m/s2, at the last ones {taught.final_m_s2:.3f}; "
+        f"plain control {plain:.3f} (peak to peak, 50 Hz, on the twin)"
+    )
     console.print(f"start with it: hexsim run heave --machine {machine} --compensator {place}")

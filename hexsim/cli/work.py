@@ -14,8 +14,6 @@ from hexsim.cli.console import doing_of, progress
 from hexsim.errors import HexsimError
 
 T = TypeVar("T")
-LOOK_S = 0.1  # between two looks whether the work is done: so soon a signal is answered
-INTERRUPTED = 130  # exit code, as a shell gives it
 
 
 @contextmanager
@@ -44,7 +42,11 @@ def made(out: Path) -> Iterator[None]:
                 out.rmdir()
 
 
-def interruptible(work: Callable[[], T]) -> T:
+def interruptible(
+    work: Callable[[], T],
+    *,
+    look_s: float = 0.1,  # between two looks whether the work is done: so soon a signal is answered
+) -> T:
     """What `work` gives, done in a thread: a signal is answered at once, though a compiled simulation computes there."""
     done, result, raised = threading.Event(), [], []
 
@@ -57,18 +59,22 @@ def interruptible(work: Callable[[], T]) -> T:
             done.set()
 
     threading.Thread(target=run, daemon=True, name="hexsim work").start()
-    while not done.wait(LOOK_S):
+    while not done.wait(look_s):
         pass
     if raised:
         raise raised[0]
     return result[0]
 
 
-def leave(sentence: str) -> None:
+def leave(
+    sentence: str,
+    *,
+    interrupted_code: int = 130,  # exit code, as a shell gives it
+) -> None:
     """End the process after an interrupt: threads that still simulate are not waited for."""
     from hexsim.cli.errors import say
 
     say(sentence)
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(INTERRUPTED)
+    os._exit(interrupted_code)

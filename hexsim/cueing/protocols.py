@@ -27,7 +27,6 @@ from hexsim.packets import described
 
 FEET_m = 0.3048
 FDM_BYTES = {24: 408, 25: 552}  # version: bytes
-FDM_ATTITUDE, FDM_RATES, FDM_PILOT = 36, 56, 100  # bytes: phi theta psi; their rates; A_X, A_Y, A_Z of the pilot
 GROUP = struct.Struct("<i8f")
 RREF = struct.Struct("<if")
 RREF_REQUEST = struct.Struct("<5sii400s")
@@ -49,8 +48,9 @@ OUTSIM2_SIZES = frozenset(
 )
 MOTIONSIM = struct.Struct("<4s21f")
 NAMES = ("forward_m_s2", "left_m_s2", "up_m_s2", "roll_rad_s", "pitch_rad_s", "yaw_rad_s")
-LARGEST = 1000.0  # m/s2 or rad/s; more is no vehicle
-LARGEST_ANGLE = 1000.0  # rad; a heading that counts its turns is below, and a float32 resolves it to 0.1 mrad
+LARGEST = (
+    1000.0  # m/s2, rad/s; more is no vehicle. rad: a heading that counts its turns is below, 0.1 mrad in a float32
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,13 @@ def checked(acceleration: Sequence[float], rates: Sequence[float], time_s: float
     return VehicleMotion(acceleration=a, rates=w, time_s=time_s)  # type: ignore[arg-type]
 
 
-def flightgear(data: bytes) -> VehicleMotion | str:
+def flightgear(
+    data: bytes,
+    *,
+    attitude_at: int = 36,  # bytes: phi theta psi
+    rates_at: int = 56,  # bytes: their rates
+    pilot_at: int = 100,  # bytes: A_X, A_Y, A_Z of the pilot
+) -> VehicleMotion | str:
     """FGNetFDM: pilot's accelerations [ft/s2] forward, right, down with gravity in them (down -32.2 at rest); body rates
     of the Euler rates.
 
@@ -102,12 +108,12 @@ def flightgear(data: bytes) -> VehicleMotion | str:
     if version not in FDM_BYTES or len(data) != FDM_BYTES[version]:
         known = " and ".join(f"{n} of {size} bytes" for n, size in FDM_BYTES.items())
         return f"version {version}, {len(data)} bytes (known: {known})"
-    angles = struct.unpack_from(">3f", data, FDM_ATTITUDE)
-    if not within(angles, LARGEST_ANGLE):
+    angles = struct.unpack_from(">3f", data, attitude_at)
+    if not within(angles, LARGEST):
         return "attitude that is not finite or too large"
     phi, theta, _ = angles
-    phi_rate, theta_rate, psi_rate = struct.unpack_from(">3f", data, FDM_RATES)
-    x, y, z = (FEET_m * value for value in struct.unpack_from(">3f", data, FDM_PILOT))
+    phi_rate, theta_rate, psi_rate = struct.unpack_from(">3f", data, rates_at)
+    x, y, z = (FEET_m * value for value in struct.unpack_from(">3f", data, pilot_at))
     p = phi_rate - psi_rate * math.sin(theta)
     q = theta_rate * math.cos(phi) + psi_rate * math.cos(theta) * math.sin(phi)
     r = -theta_rate * math.sin(phi) + psi_rate * math.cos(theta) * math.cos(phi)
@@ -188,7 +194,7 @@ def outsim(data: bytes) -> VehicleMotion | str:
     else:
         return f"{len(data)} bytes (OutSimPack has 64 or 68, OutSimPack2 280)"
     turning, (heading, pitch, roll), acceleration = main[0:3], main[3:6], main[6:9]
-    if not within((heading, pitch, roll), LARGEST_ANGLE) or not within((*turning, *acceleration), LARGEST):
+    if not within((heading, pitch, roll), LARGEST) or not within((*turning, *acceleration), LARGEST):
         return "angles, rates or accelerations that are not finite or too large"
     c, s = math.cos(heading), math.sin(heading)
     yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

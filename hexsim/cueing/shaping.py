@@ -2,7 +2,7 @@
 
     y = gain lag(dead band(x))      dead band: x less the band, towards 0;  lag: T y' = x - y
 
-The numbers may be changed while the platform moves. They go over to the new ones by a lag of `FOLLOW_S`, so that a slider
+The numbers may be changed while the platform moves. They go over to the new ones by a lag of `follow_s`, so that a slider
 is no jolt: at 3 m/s2 a step of the gain by 0.1 comes in at 0.6 m/s3.
 """
 
@@ -19,7 +19,6 @@ from hexsim.errors import HexsimError
 
 Array = NDArray[np.float64]
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-FOLLOW_S = 0.5
 LARGEST_GAIN, LONGEST_S, WIDEST = 5.0, 2.0, 10.0  # of a gain; of a lag [s]; of a dead band [m/s2, rad/s]
 
 
@@ -34,8 +33,10 @@ class AxisShape:
 
     def __post_init__(self) -> None:
         for name, least, largest in (
-            ("gain", -LARGEST_GAIN, LARGEST_GAIN), ("smoothing_s", 0.0, LONGEST_S), ("dead_band", 0.0, WIDEST),
-        ):  # fmt: skip
+            ("gain", -LARGEST_GAIN, LARGEST_GAIN),
+            ("smoothing_s", 0.0, LONGEST_S),
+            ("dead_band", 0.0, WIDEST),
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and least <= value <= largest):
                 raise HexsimError(f"axis: {name} is {value}; give a number from {least:g} to {largest:g}")
@@ -59,10 +60,16 @@ class Shaping:
             wanted[AXES.index(axis)] = astuple(shape)
         self._wanted = wanted  # whole at once: another thread reads it
 
-    def step(self, acceleration: ArrayLike, rates: ArrayLike) -> Array:
+    def step(
+        self,
+        acceleration: ArrayLike,
+        rates: ArrayLike,
+        *,
+        follow_s: float = 0.5,  # lag by which changed numbers come in
+    ) -> Array:
         """The shaped motion (6,) [m/s2, rad/s] for accelerations (3,) and rates (3,)."""
         given = np.concatenate((np.asarray(acceleration, dtype=float), np.asarray(rates, dtype=float)))
-        self._now += (self._wanted - self._now) * (self._tick_s / (FOLLOW_S + self._tick_s))
+        self._now += (self._wanted - self._now) * (self._tick_s / (follow_s + self._tick_s))
         gain, lag_s, band = self._now.T
         beyond = given - np.clip(given, -band, band)
         self._lagged += (beyond - self._lagged) * (self._tick_s / (lag_s + self._tick_s))

@@ -48,8 +48,6 @@ from hexsim.files.toml_files import read_toml, validation_sentence
 from hexsim.packets import described
 
 LARGEST_BYTES = 65_507  # of a UDP packet (RFC 768 over IPv4)
-LONGEST_NUMBER = 40  # characters of a number in text
-LARGEST_POSE = 10.0  # m or rad; more is no motion platform
 Type = Literal["f", "d", "b", "B", "h", "H", "i", "I", "q", "Q", "i24", "u24"]  # Python's struct, and 24 bit integers
 ACCELERATIONS, ANGLES = NAMES[:3], ("roll_rad", "pitch_rad", "yaw_rad")
 POSE = ("x_m", "y_m", "z_m", *ANGLES)
@@ -195,9 +193,14 @@ class _Text:
         return {name: value for name, value in found.items() if value is not None}
 
 
-def _number_of(text: str, base: int) -> float | None:
+def _number_of(
+    text: str,
+    base: int,
+    *,
+    most_characters: int = 40,  # characters of a number in text
+) -> float | None:
     text = text.strip()
-    if not text or len(text) > LONGEST_NUMBER or "_" in text:
+    if not text or len(text) > most_characters or "_" in text:
         return None
     try:
         return float(text) if base == 10 else float(int(text, 16))
@@ -258,9 +261,14 @@ def _builder(layout: PacketLayout) -> Build:
     return lambda numbers: _rig([numbers.get(name, 0.0) for name in POSE], mode=0)
 
 
-def _rig(values: Sequence[float], mode: int) -> RigSetpoint | str:
-    if not within(values, LARGEST_POSE):
-        return f"setpoints that are not finite, or beyond {LARGEST_POSE:g} m or rad"
+def _rig(
+    values: Sequence[float],
+    mode: int,
+    *,
+    largest_pose: float = 10.0,  # m or rad; more is no motion platform
+) -> RigSetpoint | str:
+    if not within(values, largest_pose):
+        return f"setpoints that are not finite, or beyond {largest_pose:g} m or rad"
     return RigSetpoint(values=tuple(float(value) for value in values), mode=mode)
 
 

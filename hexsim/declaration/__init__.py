@@ -18,6 +18,26 @@ from hexsim.declaration.supply import ATMOSPHERE_Pa, Oil, Supply
 from hexsim.declaration.valve import Valve
 
 __all__ = [
-    "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "HostLimits", "Identity", "Load", "Machine",
-    "Manifold", "Name", "Oil", "PowerUnit", "Section", "Sensors", "Supply", "Valve", "between", "section_of", "values_of", "zero_or",
-]  # fmt: skip
+    "ATMOSPHERE_Pa",
+    "Controller",
+    "Cylinder",
+    "EffectTable",
+    "Friction",
+    "Geometry",
+    "HostLimits",
+    "Identity",
+    "Load",
+    "Machine",
+    "Manifold",
+    "Name",
+    "Oil",
+    "PowerUnit",
+    "Section",
+    "Sensors",
+    "Supply",
+    "Valve",
+    "between",
+    "section_of",
+    "values_of",
+    "zero_or",
+]

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from hexsim.declaration.section import Section, between, zero_or
 
-LONGEST_DELAY_TICKS = 8
+LONGEST_DELAY_TICKS = 8  # 16 ms at 500 Hz, longer than a position loop can bear
 
 
 class Controller(Section):

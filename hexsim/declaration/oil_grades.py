@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-KELVIN = 273.15
+KELVIN = 273.15  # [K] of 0 degC
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,9 +46,12 @@ TELLUS_T46 = OilGrade(
 
 def _mineral(grade: int, viscosity_100_mm2_s: float, density_15_kg_m3: float) -> OilGrade:
     return replace(
-        TELLUS_T46, name=f"VG {grade}", viscosity_40_mm2_s=float(grade), viscosity_100_mm2_s=viscosity_100_mm2_s,
+        TELLUS_T46,
+        name=f"VG {grade}",
+        viscosity_40_mm2_s=float(grade),
+        viscosity_100_mm2_s=viscosity_100_mm2_s,
         density_15_kg_m3=density_15_kg_m3,
-    )  # fmt: skip
+    )
 
 
 # Mineral hydraulic oils (ISO 11158 HM). ISO 3448 defines the viscosity at 40 degC. Estimates, no sheet's numbers: at
@@ -67,15 +70,22 @@ def kinematic_viscosity(temperature_degC: float, grade: OilGrade = TELLUS_T46) -
     return (10 ** (10**level) - 0.7) * 1e-6
 
 
-def density(temperature_degC: float, pressure_Pa: float, reference: float, reference_degC: float, modulus_Pa: float,
-            grade: OilGrade = TELLUS_T46) -> float:  # fmt: skip
+def density(
+    temperature_degC: float,
+    pressure_Pa: float,
+    reference: float,
+    reference_degC: float,
+    modulus_Pa: float,
+    grade: OilGrade = TELLUS_T46,
+) -> float:
     """rho [kg/m3] from its value `reference` at `reference_degC` and no pressure."""
     warm = reference * (1.0 - grade.expansion_1_K * (temperature_degC - reference_degC))
     return warm / (1.0 - pressure_Pa / modulus_Pa)
 
 
-def liquid_bulk_modulus(temperature_degC: float, pressure_Pa: float, reference: float, reference_degC: float,
-                        grade: OilGrade = TELLUS_T46) -> float:  # fmt: skip
+def liquid_bulk_modulus(
+    temperature_degC: float, pressure_Pa: float, reference: float, reference_degC: float, grade: OilGrade = TELLUS_T46
+) -> float:
     """E [Pa] of oil without air from its value `reference` at `reference_degC` and no pressure."""
     decades = -grade.modulus_decades_1_K * (temperature_degC - reference_degC)
     return reference * 10**decades + grade.modulus_pressure * pressure_Pa

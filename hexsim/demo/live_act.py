@@ -15,20 +15,25 @@ from hexsim.scenarios import Scenario
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.recent_motion import MotionFigures, RecentMotion, motion_figures
 
-WIDE_M = 20e-6
-SETTLED_S, MEASURED_S = 3.0, 4.5  # before the figures count, and in which they are taken
+WIDE_M = 20e-6  # overlap of a worn or cheap valve, four times the declared one
 
 
-def before_and_after(machine: Machine, scenario: Scenario) -> tuple[MotionFigures, MotionFigures]:
+def before_and_after(
+    machine: Machine,
+    scenario: Scenario,
+    *,
+    settled_s: float = 3.0,  # before the figures count
+    measured_s: float = 4.5,  # in which they are taken
+) -> tuple[MotionFigures, MotionFigures]:
     """Figures of the running machine as declared, and after its overlap has become wide in flight."""
     recent = RecentMotion()
     live = LiveMachine(machine, scenario, observe=recent.note)
     found = []
     for one in (machine, changed(machine, {"valve.overlap_m": WIDE_M})):
         live.become(one)
-        live.advance(SETTLED_S)
+        live.advance(settled_s)
         since = live.time_s
-        live.advance(MEASURED_S)
+        live.advance(measured_s)
         log = recent.log(live, since)
         assert log is not None and live.motion.scenario is not None
         found.append(motion_figures(live.motion.scenario, live.kinematics.axes, log))

@@ -94,9 +94,15 @@ def native_functions(name: str) -> dict[str, Any]:
         return size
 
     return {
-        "init": init, "step": step, "expect": expect, "feel": feel, "hear": hear_other, "get_parameters": get_parameters,
-        "set_parameters": set_parameters, "state_size": state_size,
-    }  # fmt: skip
+        "init": init,
+        "step": step,
+        "expect": expect,
+        "feel": feel,
+        "hear": hear_other,
+        "get_parameters": get_parameters,
+        "set_parameters": set_parameters,
+        "state_size": state_size,
+    }
 
 
 def export_compensator(
@@ -167,14 +173,18 @@ def header(name: str, context: Context, learned: Mapping[str, Any] | None = None
         made.fill(parameters[0], dict(learned))
     named = zip(made.setting_names, settings, strict=True)
     values = {
-        "PREFIX": prefix, "prefix": f"hexsim_{name}", "STATE": made.size, "RATE": f"{context.rate_Hz:g}",
+        "PREFIX": prefix,
+        "prefix": f"hexsim_{name}",
+        "STATE": made.size,
+        "RATE": f"{context.rate_Hz:g}",
         "PREVIEW": preview_count(algorithm, context),
-        "SETTINGS": len(settings), "PARAMETERS": len(made.learned_names),
+        "SETTINGS": len(settings),
+        "PARAMETERS": len(made.learned_names),
         "SETTING_PLACES": _places(f"{prefix}_", made.setting_names),
         "SETTING_VALUES": ",\n  ".join(f"{value!r} /* {key} */" for key, value in named),
         "PARAMETER_PLACES": _places(f"{prefix}_LEARNED_", made.learned_names),
         "LEARNED": "" if learned is None else _learned_array(f"hexsim_{name}", parameters),
-    }  # fmt: skip
+    }
     return filled("header.h", values)
 
 

@@ -41,8 +41,6 @@ from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.states import ROW, A
 
-DELAYED_COMMANDS = 1024  # that an instance remembers where a valve is late
-COMMUNICATION_STEP_S = 0.002  # proposed to the tool
 TAKES = {
     "plant": "Valve volts in, motion and pressures out",
     "machine": "Setpoints in, motion, pressures and valve volts out: the motion computer with its controllers and compensator inside",
@@ -50,9 +48,17 @@ TAKES = {
 
 
 def export_fmu(
-    machine: Machine, out: Path, *, model: ModelKind = "full", timestep: float | None = None, fmi: Literal[2, 3] = 2,
-    windows: bytes | None = None, what: Literal["plant", "machine"] = "plant", compensator: str = COMPENSATOR,
-) -> Variables:  # fmt: skip
+    machine: Machine,
+    out: Path,
+    *,
+    model: ModelKind = "full",
+    timestep: float | None = None,
+    fmi: Literal[2, 3] = 2,
+    windows: bytes | None = None,
+    what: Literal["plant", "machine"] = "plant",
+    compensator: str = COMPENSATOR,
+    step_s: float = 0.002,  # proposed to the tool
+) -> Variables:
     """Write `machine` as an FMU; return its variables. what: the plant alone, or with the motion computer's controllers and
     compensator.
 
@@ -90,7 +96,7 @@ def export_fmu(
             name=machine.name,
             identifier=identifier,
             guid=digest,
-            step_s=COMMUNICATION_STEP_S,
+            step_s=step_s,
             fmi=fmi,
             description=TAKES[what],
         )
@@ -121,7 +127,15 @@ def _write(out: Path, contents: dict[str, bytes]) -> None:
             archive.writestr(name, content)
 
 
-def machine_header(plant: Plant, variables: Variables, what: str, compensator: str, missing: list[str]) -> str:
+def machine_header(
+    plant: Plant,
+    variables: Variables,
+    what: str,
+    compensator: str,
+    missing: list[str],
+    *,
+    n_delayed: int = 1024,  # that an instance remembers where a valve is late
+) -> str:
     """machine.h: what the C source must know of this machine. missing: functions of numba's error paths."""
     delay, supply, rule = plant.rows[:, P.VALVE_DELAY], plant.resolved.supply, plant.step_rule()
     along = np.take(plant.kinematics.jacobian(np.zeros(6)), plant.kinematics.dof_places, axis=1)
@@ -131,13 +145,19 @@ def machine_header(plant: Plant, variables: Variables, what: str, compensator: s
     seen = 2 * SPAN * plant.n_legs if feels_legs(plant, what, compensator) else 0
     settings = [settings_of(compensator, context) for context in contexts]
     numbers = _places(plant, variables) | {
-        "IS_MACHINE": int(what == "machine"), "TICK": 1.0 / plant.machine.controller.rate_Hz, "N_MEMORY": N_MEMORY,
-        "N_INPUTS": len(variables.inputs), "RING": DELAYED_COMMANDS if delay.any() else 2,
-        "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
-        "COMPENSATOR_SIZE": made.size if what == "machine" else 1, "N_SETTINGS": len(settings[0]),
-        "N_SEEN": seen, "TELLS": TELLS,
+        "IS_MACHINE": int(what == "machine"),
+        "TICK": 1.0 / plant.machine.controller.rate_Hz,
+        "N_MEMORY": N_MEMORY,
+        "N_INPUTS": len(variables.inputs),
+        "RING": n_delayed if delay.any() else 2,
+        "LONGEST_DELAY": float(delay.max()),
+        "N_CHANGES": len(changes),
+        "COMPENSATOR_SIZE": made.size if what == "machine" else 1,
+        "N_SETTINGS": len(settings[0]),
+        "N_SEEN": seen,
+        "TELLS": TELLS,
         "COMPENSATOR_PARAMETER": len(variables.parameters) - 1,
-    }  # fmt: skip
+    }
     kinds = ", ".join(OUTPUT_KINDS.values())
     lines = [
         *(f"#define {name} ({value!r})" for name, value in numbers.items()),
@@ -181,20 +201,36 @@ def _places(plant: Plant, variables: Variables) -> dict[str, float]:
     """Counts and places of the machine's numbers, and what it starts with."""
     parameters, supply = {p.name: k for k, p in enumerate(variables.parameters)}, plant.machine.supply
     return {
-        "N_LEGS": plant.n_legs, "N_ACTUATORS": len(plant.layout), "N_OUTPUTS": len(variables.outputs),
-        "N_PARAMETERS": len(variables.parameters), "N_VELOCITIES": plant.model.nv, "N_STIFF": native.N_STIFF,
-        "TIMESTEP": plant.timestep or 0.0, "LONGEST_PART": LONGEST_S,
+        "N_LEGS": plant.n_legs,
+        "N_ACTUATORS": len(plant.layout),
+        "N_OUTPUTS": len(variables.outputs),
+        "N_PARAMETERS": len(variables.parameters),
+        "N_VELOCITIES": plant.model.nv,
+        "N_STIFF": native.N_STIFF,
+        "TIMESTEP": plant.timestep or 0.0,
+        "LONGEST_PART": LONGEST_S,
         "LOAD_FREQUENCY": max((2 * np.pi * mode.frequency_Hz for mode in plant.resolved.payload_modes), default=0.0),
-        "AREA_BOTTOM": int(P.AREA_BOTTOM), "AREA_TOP": int(P.AREA_TOP),
-        "ROW": ROW, "LAYOUT": N_PARAMETERS, "PRESSURE": int(A.PRESSURE), "ROD_SIDE": int(A.ROD_SIDE),
-        "SUPPLY_PLACE": int(A.SUPPLY), "LENGTH_OFFSET": int(P.LENGTH_OFFSET),
-        "ROW_SUPPLY_PRESSURE": int(P.SUPPLY_PRESSURE), "ROD_SIDE_CHAMBER": int(P.ROD_SIDE_CHAMBER),
-        "ROD_SIDE_VALVE": ROD_SIDE_VALVE, "MASS_BODY": mass_body(plant), "MASS_OFFSET": mass_offset(plant),
+        "AREA_BOTTOM": int(P.AREA_BOTTOM),
+        "AREA_TOP": int(P.AREA_TOP),
+        "ROW": ROW,
+        "LAYOUT": N_PARAMETERS,
+        "PRESSURE": int(A.PRESSURE),
+        "ROD_SIDE": int(A.ROD_SIDE),
+        "SUPPLY_PLACE": int(A.SUPPLY),
+        "LENGTH_OFFSET": int(P.LENGTH_OFFSET),
+        "ROW_SUPPLY_PRESSURE": int(P.SUPPLY_PRESSURE),
+        "ROD_SIDE_CHAMBER": int(P.ROD_SIDE_CHAMBER),
+        "ROD_SIDE_VALVE": ROD_SIDE_VALVE,
+        "MASS_BODY": mass_body(plant),
+        "MASS_OFFSET": mass_offset(plant),
         "MASS_PARAMETER": parameters[mass_key(plant.machine)],
-        "SUPPLY_PARAMETER": parameters.get("supply.pressure_Pa", -1), "SUPPLY_PRESSURE": supply.pressure_Pa,
-        "TANK_PARAMETER": parameters.get("supply.tank_pressure_Pa", -1), "TANK_PRESSURE": supply.tank_pressure_Pa,
-        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m, "VAPOUR": VAPOUR,
-    }  # fmt: skip
+        "SUPPLY_PARAMETER": parameters.get("supply.pressure_Pa", -1),
+        "SUPPLY_PRESSURE": supply.pressure_Pa,
+        "TANK_PARAMETER": parameters.get("supply.tank_pressure_Pa", -1),
+        "TANK_PRESSURE": supply.tank_pressure_Pa,
+        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m,
+        "VAPOUR": VAPOUR,
+    }
 
 
 def _array(declared: str, items: Iterable[str]) -> str:

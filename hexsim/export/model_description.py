@@ -53,11 +53,14 @@ def model_description(
     root = xml.Element(
         "fmiModelDescription",
         {
-            "fmiVersion": f"{fmi}.0", "modelName": name, "guid" if fmi == 2 else "instantiationToken": guid,
-            "generationTool": f"hexsim {version('hexsim')}", "description": description,
+            "fmiVersion": f"{fmi}.0",
+            "modelName": name,
+            "guid" if fmi == 2 else "instantiationToken": guid,
+            "generationTool": f"hexsim {version('hexsim')}",
+            "description": description,
             "variableNamingConvention": "structured",
         },
-    )  # fmt: skip
+    )
     state = "FMUstate" if fmi == 2 else "FMUState"
     able = ("canHandleVariableCommunicationStepSize", f"canGetAndSet{state}", f"canSerialize{state}")
     xml.SubElement(root, "CoSimulation", {"modelIdentifier": identifier, **dict.fromkeys(able, "true")})

@@ -31,11 +31,12 @@ SYMBOL = np.dtype(
 )
 SECTION = np.dtype(
     {
-        "names": ["type", "flags", "address", "offset", "size", "link"], "formats": ["<u4", *["<u8"] * 4, "<u4"],
-        "offsets": [4, 8, 16, 24, 32, 40], "itemsize": 64,
+        "names": ["type", "flags", "address", "offset", "size", "link"],
+        "formats": ["<u4", *["<u8"] * 4, "<u4"],
+        "offsets": [4, 8, 16, 24, 32, 40],
+        "itemsize": 64,
     }
-)  # fmt: skip
-SYMBOL_TABLE, NO_BITS, ALLOCATED, EXECUTABLE = 2, 8, 2, 4
+)
 TRAP = b"\xcc"
 
 
@@ -65,16 +66,23 @@ def renamed(library: Path, name: str) -> bytes:
     return content.replace(old, new)
 
 
-def lightened(content: bytes) -> bytes:
+def lightened(
+    content: bytes,
+    *,
+    symbol_table: int = 2,  # ELF: kind of a section
+    no_bits: int = 8,  # ELF: kind of a section without content
+    allocated: int = 2,  # ELF: flag of a section that is loaded
+    executable: int = 4,  # ELF: flag of code
+) -> bytes:
     """An ELF library with a trap in place of each function that an FMU never calls, cut behind what is loaded.
 
     It stays as it is where it has no table of local symbols.
     """
     start, size, count = (int.from_bytes(content[at : at + n], "little") for at, n in ((0x28, 8), (0x3A, 2), (0x3C, 2)))
     sections = np.frombuffer(content, SECTION, count, start)
-    if size != SECTION.itemsize or SYMBOL_TABLE not in sections["type"]:
+    if size != SECTION.itemsize or symbol_table not in sections["type"]:
         return content
-    table = sections[sections["type"] == SYMBOL_TABLE][0]
+    table = sections[sections["type"] == symbol_table][0]
     names = content[int(sections[table["link"]]["offset"]) :]
     changed = bytearray(content)
     for symbol in np.frombuffer(content, SYMBOL, int(table["size"]) // SYMBOL.itemsize, int(table["offset"])):
@@ -82,10 +90,10 @@ def lightened(content: bytes) -> bytes:
             continue
         section, length = sections[symbol["section"]], int(symbol["size"])
         is_table = names.startswith(b"font_", int(symbol["name"]))
-        if section["flags"] & EXECUTABLE or (is_table and section["type"] != NO_BITS):
+        if section["flags"] & executable or (is_table and section["type"] != no_bits):
             at = int(section["offset"]) + int(symbol["value"]) - int(section["address"])
             changed[at : at + length] = TRAP * length
-    loaded = sections[(sections["flags"] & ALLOCATED > 0) & (sections["type"] != NO_BITS)]
+    loaded = sections[(sections["flags"] & allocated > 0) & (sections["type"] != no_bits)]
     changed[0x28:0x30], changed[0x3C:0x40] = bytes(8), bytes(4)  # no sections: a loader looks at segments alone
     return bytes(changed[: int((loaded["offset"] + loaded["size"]).max())])
 
@@ -112,9 +120,19 @@ def windows_library(given: Path | None = None) -> bytes:
 
 def _fetch(what: str, folder: Path) -> None:
     command = [
-        sys.executable, "-m", "pip", "download", "--quiet", "--platform", "win_amd64", "--only-binary=:all:", "--no-deps",
-        "--dest", str(folder), what,
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "pip",
+        "download",
+        "--quiet",
+        "--platform",
+        "win_amd64",
+        "--only-binary=:all:",
+        "--no-deps",
+        "--dest",
+        str(folder),
+        what,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise HexsimError(

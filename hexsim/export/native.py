@@ -47,8 +47,10 @@ SOURCES = ("plant.c", "instance.c", "mujoco.c", "memory.c")
 N_STIFF = 6  # coefficients of `steps.stiffness`
 MEMORY = (
     *(f"NRT_{name}" for name in ("Allocate", "Free", "MemInfo_alloc", "MemInfo_alloc_aligned", "MemInfo_call_dtor")),
-    "NRT_MemInfo_alloc_safe_aligned", "NRT_MemInfo_data_fast", "numba_attempt_nocopy_reshape",
-)  # fmt: skip
+    "NRT_MemInfo_alloc_safe_aligned",
+    "NRT_MemInfo_data_fast",
+    "numba_attempt_nocopy_reshape",
+)
 compiled_here = njit(error_model="numpy")
 
 
@@ -89,10 +91,16 @@ def equations(plant: Plant) -> dict[str, Any]:
     def choose(user, act, ctrl, length, velocity, before, calm_s, numbers, timestep, time, span_s):
         rows = carray(user, (n_actuators, ROW))
         view = StepView(
-            rows, carray(act, (n_states,)), carray(ctrl, (n_actuators,)), carray(length, (n_legs,)),
-            carray(velocity, (n_legs,)), carray(before, (n_legs,)), rows[:n_legs, P.LENGTH_OFFSET],
-            StepRule(numbers[0], numbers[1], numbers[2], numbers[3]), (time,),
-        )  # fmt: skip
+            rows,
+            carray(act, (n_states,)),
+            carray(ctrl, (n_actuators,)),
+            carray(length, (n_legs,)),
+            carray(velocity, (n_legs,)),
+            carray(before, (n_legs,)),
+            rows[:n_legs, P.LENGTH_OFFSET],
+            StepRule(numbers[0], numbers[1], numbers[2], numbers[3]),
+            (time,),
+        )
         asked, near = asked_steps(view)
         calm_s[0] = 0.0 if near else calm_s[0] + span_s
         steps = steps_by_rule(view.rule, asked, calm_s[0], span_s)
@@ -106,8 +114,13 @@ def equations(plant: Plant) -> dict[str, Any]:
 
     act_dyn, act_bias = map(with_code, native_callbacks())
     return {
-        "act_dyn": act_dyn, "act_bias": act_bias, "hysteresis": hysteresis, "stiffness": stiff, "rule": rule, "choose": choose,
-    }  # fmt: skip
+        "act_dyn": act_dyn,
+        "act_bias": act_bias,
+        "hysteresis": hysteresis,
+        "stiffness": stiff,
+        "rule": rule,
+        "choose": choose,
+    }
 
 
 def loop_equations(plant: Plant) -> dict[str, Any]:
@@ -127,7 +140,7 @@ def loop_equations(plant: Plant) -> dict[str, Any]:
     @cfunc(number(*[pointer] * 10, number), error_model="numpy")
     def control_tick(
         inputs, places, pressures, tops, supply_pressure, memory, setpoints, followed, forward, asked, is_first
-    ):  # fmt: skip
+    ):
         setpoint, path, out = carray(setpoints, (n_legs,)), carray(followed, (2, n_legs)), carray(asked, (n_legs,))
         ahead, kept, top = carray(forward, (n_legs,)), carray(memory, (n_legs, size)), carray(tops, (n_legs,))
         at, below = carray(places, (n_legs,)), carray(pressures, (n_legs,))

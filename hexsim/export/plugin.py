@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
@@ -36,10 +36,6 @@ from hexsim.plant.states import LEG, A
 NAME = "hexsim.leg"
 TABLES = {"learned_curve": (LEARNED_TABLE, FLOW_TABLE), "flow_curve": (FLOW_TABLE, N_PARAMETERS)}  # attribute -> places
 OF_THE_COMPUTER = ("HYSTERESIS", "VALVE_DELAY")  # numbers that act from tick to tick, outside MuJoCo
-EXACT = 17  # digits that give a double back
-# of the differences that Newton's method takes: small beside a valve's null region (0.1 V, 10 um) and the supply
-VOLT_STEP, SPOOL_STEP_m, STEP_MPa = 1e-4, 1e-8, 1e-4
-NEWTON = 12  # steps; each squares the error
 
 
 def attributes() -> dict[str, tuple[int, int]]:
@@ -52,11 +48,17 @@ def attributes() -> dict[str, tuple[int, int]]:
     }
 
 
-def export_plugin(machine: Machine, out: Path, timestep: float | None = None) -> list[Path]:
+def export_plugin(
+    machine: Machine,
+    out: Path,
+    timestep: float | None = None,
+    systems: Sequence[str] = ("linux64", "win64", "macos"),
+) -> list[Path]:
     """Write the plugin's libraries for Linux, Windows and macOS and MACHINE.xml into the folder `out`; the files.
 
-    timestep [s] of the MJCF, RK4; None: MODEL_STEP_S. Raises HexsimError for a machine whose supply or valves have states outside
-    the leg, where the compiler is not installed, the system is no Linux, or `out` cannot be written.
+    timestep [s] of the MJCF, RK4; None: MODEL_STEP_S. systems: names of `toolchain.SYSTEMS`. Raises HexsimError for a machine
+    whose supply or valves have states outside the leg, where the compiler is not installed, the system is no Linux, or `out`
+    cannot be written.
     """
     step = MODEL_STEP_S if timestep is None else timestep
     if not 1e-6 <= step <= 1e-3:
@@ -68,15 +70,12 @@ def export_plugin(machine: Machine, out: Path, timestep: float | None = None) ->
     except OSError as error:
         raise HexsimError(f"cannot write {out}: {error.strerror or error}; give --out a folder") from None
     contents = {f"{file_name(machine.name)}.xml": machine_xml(plant).encode()}
-    contents |= {f"{system.prefix}hexsim_leg{system.suffix}": library(system) for system in systems()}
+    of_systems = [SYSTEMS[name] for name in systems]
+    contents |= {f"{system.prefix}hexsim_leg{system.suffix}": library(system) for system in of_systems}
     for name, content in contents.items():
         with written_whole(out / name) as begun:
             begun.write_bytes(content)
     return [out / name for name in contents]
-
-
-def systems() -> list[System]:
-    return [SYSTEMS[name] for name in ("linux64", "win64", "macos")]
 
 
 def refuse_what_is_outside(plant: Plant) -> None:
@@ -135,14 +134,23 @@ def hold_home(plant: Plant) -> None:
     home.act, home.ctrl = data.act, data.ctrl
 
 
-def hold_leg(plant: Plant, i: int) -> None:
+def hold_leg(
+    plant: Plant,
+    i: int,
+    *,
+    # of the differences that Newton's method takes: small beside a valve's null region (0.1 V, 10 um) and the supply
+    volt_step_V: float = 1e-4,
+    spool_step_m: float = 1e-8,
+    step_MPa: float = 1e-4,
+    newton_steps: int = 12,  # steps; each squares the error
+) -> None:
     """Unknown are volts, spool (where it lags) and both pressures; known are the force that holds the load and rates of zero:
     Newton's method from the equilibrium of forces. Legs at rest in one pose do not depend on each other."""
     data, places = plant.data, plant.layout[i]
     spool = [int(places[A.SPOOL])] if places[A.SPOOL] >= 0 else []
     chambers = [int(places[A.ROD_SIDE]), int(places[A.PRESSURE])]
     states, rates = spool + chambers, [place + 1 for place in spool] + chambers  # the spool's velocity stands behind it
-    steps = np.array([VOLT_STEP, *[SPOOL_STEP_m] * len(spool), *[STEP_MPa] * 2])
+    steps = np.array([volt_step_V, *[spool_step_m] * len(spool), *[step_MPa] * 2])
     force = float(data.actuator_force[i])
 
     def residual(z: np.ndarray) -> np.ndarray:
@@ -151,7 +159,7 @@ def hold_leg(plant: Plant, i: int) -> None:
         return np.array([data.actuator_force[i] - force, *data.act_dot[rates]])
 
     z = np.array([data.ctrl[i], *data.act[states]])
-    for _ in range(NEWTON):
+    for _ in range(newton_steps):
         off = residual(z)
         slopes = np.column_stack([residual(z + step) - off for step in np.diag(steps)])
         z = z - steps * np.linalg.lstsq(slopes, off, rcond=None)[0]
@@ -169,7 +177,10 @@ def numbers_of(row: np.ndarray) -> dict[str, str]:
 
 
 @contextmanager
-def exact_numbers() -> Iterator[None]:
+def exact_numbers(
+    *,
+    digits: int = 17,  # digits that give a double back
+) -> Iterator[None]:
     """MuJoCo's writer of XML with all digits in place of six, which would move joints by micrometres."""
     mj = ctypes.CDLL(mujoco._functions.__file__)
     try:
@@ -177,7 +188,7 @@ def exact_numbers() -> Iterator[None]:
     except AttributeError:
         raise HexsimError("this MuJoCo writes XML with six digits alone: install mujoco 4.0.x") from None
     before = get()
-    set_to(EXACT)
+    set_to(digits)
     try:
         yield
     finally:

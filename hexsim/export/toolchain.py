@@ -41,23 +41,38 @@ SYSTEMS = {
     system.name: system
     for system in (
         System(
-            name="linux64", triple="x86_64-unknown-linux-gnu", suffix=".so", folders={2: "linux64", 3: "x86_64-linux"},
+            name="linux64",
+            triple="x86_64-unknown-linux-gnu",
+            suffix=".so",
+            folders={2: "linux64", 3: "x86_64-linux"},
             zig="x86_64-linux-gnu.2.17",  # the C library of 2012: any Linux that is in use has a newer one
             flags=SHARED,
         ),
         System(
-            name="win64", triple="x86_64-w64-windows-gnu", suffix=".dll", zig="x86_64-windows-gnu", prefix="",
+            name="win64",
+            triple="x86_64-w64-windows-gnu",
+            suffix=".dll",
+            zig="x86_64-windows-gnu",
+            prefix="",
             folders={2: "win64", 3: "x86_64-windows"},
         ),
         System(  # macOS 11, the first on these processors
-            name="macos", triple="arm64-apple-macosx11.0.0", suffix=".dylib", zig="aarch64-macos.11.0", cpu="apple-m1",
+            name="macos",
+            triple="arm64-apple-macosx11.0.0",
+            suffix=".dylib",
+            zig="aarch64-macos.11.0",
+            cpu="apple-m1",
         ),
         System(
-            name="arm64", triple="aarch64-unknown-linux-gnu", suffix=".so", zig="aarch64-linux-gnu.2.17", cpu="generic",
+            name="arm64",
+            triple="aarch64-unknown-linux-gnu",
+            suffix=".so",
+            zig="aarch64-linux-gnu.2.17",
+            cpu="generic",
             flags=SHARED,
         ),
     )
-}  # fmt: skip
+}
 
 
 def target_machine(system: System) -> Any:
@@ -107,18 +122,23 @@ def _without_error_paths(text: str) -> str:
     """
     names = "|".join(ERROR_PATHS)
     text = re.sub(
-        rf"^declare ([^@]*@(?:{names})\w*\([^)]*\))[^\n]*$", r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}",
-        text, flags=re.MULTILINE,
-    )  # fmt: skip
+        rf"^declare ([^@]*@(?:{names})\w*\([^)]*\))[^\n]*$",
+        r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}",
+        text,
+        flags=re.MULTILINE,
+    )
     text = re.sub(
-        rf"^(@(?:{names})\w*) = external ((?:\w+ )*)global (\S+?)(,[^\n]*)?$", r"\1 = internal global \3 zeroinitializer",
-        text, flags=re.MULTILINE,
-    )  # fmt: skip
+        rf"^(@(?:{names})\w*) = external ((?:\w+ )*)global (\S+?)(,[^\n]*)?$",
+        r"\1 = internal global \3 zeroinitializer",
+        text,
+        flags=re.MULTILINE,
+    )
     text = re.sub(
         r"^define internal void (@NRT_(?:in|de)cref[.\d]*\(ptr[^\n]*?%[.\w]+\))[^\n]*\{\n.*?^\}$",
         r"define internal void \1 {\n  ret void\n}",
-        text, flags=re.MULTILINE | re.DOTALL,
-    )  # fmt: skip
+        text,
+        flags=re.MULTILINE | re.DOTALL,
+    )
     declared = "declare void @llvm.trap()"
     return text if declared in text else f"{text}\n{declared} cold noreturn nounwind\n"
 
@@ -133,9 +153,22 @@ def compile_and_link(sources: Iterable[Path], system: System, out: Path, flags: 
     if not has_linker():
         raise HexsimError("the export compiles C: install the compiler with `pip install hexsim[fmu]`")
     command = [
-        sys.executable, "-m", "ziglang", "cc", "-target", system.zig, "-O2", "-shared", "-s",
-        *map(str, sources), *flags, *system.flags, *_own_name(out), "-o", str(out),
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        "-target",
+        system.zig,
+        "-O2",
+        "-shared",
+        "-s",
+        *map(str, sources),
+        *flags,
+        *system.flags,
+        *_own_name(out),
+        "-o",
+        str(out),
+    ]
     cache = {"ZIG_LOCAL_CACHE_DIR": str(out.parent / "cache")}
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | cache, check=False)
     if done.returncode:

@@ -27,17 +27,37 @@ from hexsim.signals.table import label_of, table
 
 # Keys of machine.toml that may become parameters. An earlier one has the number of the row that two of them share.
 KEYS = (
-    "supply.pressure_Pa", "supply.tank_pressure_Pa", "oil.density_kg_m3", "oil.bulk_modulus_Pa",
-    "cylinder.pipeline_volume_m3", "cylinder.rod_side_volume_m3", "cylinder.rod_side_conductance_m3_s_sqrtPa",
-    "cylinder.cushion_length_m", "cylinder.cushion_stiffness_N_m", "cylinder.cushion_damping_N_s_m",
-    "cylinder.piston_leakage_m3_s_Pa", "cylinder.rod_leakage_m3_s_Pa",
-    "valve.spool_diameter_m", "valve.rated_flow_m3_s", "valve.overlap_m", "valve.edge_rounding_m",
-    "valve.discharge_coefficient", "valve.pressure_width_Pa", "valve.laminar_reynolds", "valve.spool_frequency_Hz",
+    "supply.pressure_Pa",
+    "supply.tank_pressure_Pa",
+    "oil.density_kg_m3",
+    "oil.bulk_modulus_Pa",
+    "cylinder.pipeline_volume_m3",
+    "cylinder.rod_side_volume_m3",
+    "cylinder.rod_side_conductance_m3_s_sqrtPa",
+    "cylinder.cushion_length_m",
+    "cylinder.cushion_stiffness_N_m",
+    "cylinder.cushion_damping_N_s_m",
+    "cylinder.piston_leakage_m3_s_Pa",
+    "cylinder.rod_leakage_m3_s_Pa",
+    "valve.spool_diameter_m",
+    "valve.rated_flow_m3_s",
+    "valve.overlap_m",
+    "valve.edge_rounding_m",
+    "valve.discharge_coefficient",
+    "valve.pressure_width_Pa",
+    "valve.laminar_reynolds",
+    "valve.spool_frequency_Hz",
     "valve.spool_damping",
-    "friction.viscous_extend_N_s_m", "friction.viscous_retract_N_s_m", "friction.coulomb_extend_N",
-    "friction.coulomb_retract_N", "friction.static_extend_N", "friction.static_retract_N",
-    "friction.stribeck_velocity_m_s", "friction.sharpness_m_s", "friction.arctan_slope_s_m",
-)  # fmt: skip
+    "friction.viscous_extend_N_s_m",
+    "friction.viscous_retract_N_s_m",
+    "friction.coulomb_extend_N",
+    "friction.coulomb_retract_N",
+    "friction.static_extend_N",
+    "friction.static_retract_N",
+    "friction.stribeck_velocity_m_s",
+    "friction.sharpness_m_s",
+    "friction.arctan_slope_s_m",
+)
 # Kinds of outputs in the C source, by the stem of the log's columns.
 OUTPUT_KINDS = {
     "position": "POSITION",
@@ -178,9 +198,14 @@ def _parameter(
     if key == "valve.spool_frequency_Hz":
         low, zero_or = zero_or, 0.0
     return Parameter(
-        name=key, description=field.description or "", start=value, zero_or=zero_or, changes=changes,
-        low=float(max(low, above, -np.nextafter(below, 0))), high=float(min(high, np.nextafter(below, 0))),
-    )  # fmt: skip
+        name=key,
+        description=field.description or "",
+        start=value,
+        zero_or=zero_or,
+        changes=changes,
+        low=float(max(low, above, -np.nextafter(below, 0))),
+        high=float(min(high, np.nextafter(below, 0))),
+    )
 
 
 def _largest_force_N(machine: Machine) -> float:
@@ -200,10 +225,13 @@ def _changes(machine: Machine, key: str, value: float) -> tuple[Change, ...]:
         nothing = abs(offset) < 1e-12 * abs(here[actuator, place])
         changes.append(
             Change(
-                actuator=int(actuator), place=int(place), start=float(here[actuator, place]), slope=float(slope),
+                actuator=int(actuator),
+                place=int(place),
+                start=float(here[actuator, place]),
+                slope=float(slope),
                 offset=0.0 if nothing else float(offset),
             )
-        )  # fmt: skip
+        )
     return tuple(changes)
 
 

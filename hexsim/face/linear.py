@@ -56,9 +56,15 @@ class LinearModel(LinearPlant):
                 "to_control needs python-control: install it with `pip install hexsim[control]`"
             ) from None
         return control.ss(
-            self.A, self.B, self.C, self.D, states=list(self.states), inputs=list(self.inputs),
-            outputs=list(self.outputs), name=self.machine,
-        )  # fmt: skip
+            self.A,
+            self.B,
+            self.C,
+            self.D,
+            states=list(self.states),
+            inputs=list(self.inputs),
+            outputs=list(self.outputs),
+            name=self.machine,
+        )
 
     def modes(self) -> list[tuple[float, float]]:
         """(frequency [Hz], damping ratio) of each oscillating pair of poles, the slowest first."""

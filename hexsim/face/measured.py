@@ -74,15 +74,24 @@ class TraceResult:
     def effects(self) -> pl.DataFrame:
         rows = [
             {
-                "effect": effect["name"], "where": effect["where"], "number": name, "value": value,
+                "effect": effect["name"],
+                "where": effect["where"],
+                "number": name,
+                "value": value,
                 "standard_error": effect.get("standard_error", {}).get(name),
                 "tied_with": ", ".join(effect.get("tied_with", [])),
             }
             for effect in self.report["effects"]
             for name, value in effect.get("parameters", {}).items()
-        ]  # fmt: skip
-        kinds = {"effect": pl.String, "where": pl.String, "number": pl.String, "value": pl.Float64,
-                 "standard_error": pl.Float64, "tied_with": pl.String}  # fmt: skip
+        ]
+        kinds = {
+            "effect": pl.String,
+            "where": pl.String,
+            "number": pl.String,
+            "value": pl.Float64,
+            "standard_error": pl.Float64,
+            "tied_with": pl.String,
+        }
         return pl.DataFrame(rows, schema=kinds)
 
     @property
@@ -118,10 +127,15 @@ class TraceResult:
         from hexsim.tracing.report.page import sentence
 
         rows = [
-            (row["effect"].replace("_", " "), row["where"], split_key(row["number"])[0],
-             with_error(row["value"], row["standard_error"], split_key(row["number"])[1]), row["tied_with"])
+            (
+                row["effect"].replace("_", " "),
+                row["where"],
+                split_key(row["number"])[0],
+                with_error(row["value"], row["standard_error"], split_key(row["number"])[1]),
+                row["tied_with"],
+            )
             for row in self.effects.iter_rows(named=True)
-        ]  # fmt: skip
+        ]
         return html_table(
             ("effect", "where", "number", "value", "tied with"), rows, self.verdict, [sentence(self._result)]
         )
@@ -158,9 +172,15 @@ def trace(
         raise HexsimError(f"load_kg is {shown(load_kg)}: give a mass in kg")
     with_load = names_in(loaded, "loaded") if loaded else []
     done = run_trace(
-        place, names_in(fit, "fit"), names_in(validate, "validate"), None, progress, load_kg, with_load,
+        place,
+        names_in(fit, "fit"),
+        names_in(validate, "validate"),
+        None,
+        progress,
+        load_kg,
+        with_load,
         mapping=None if mapping is None else Path(path_of(mapping, "mapping", "mapping.toml")),
-    )  # fmt: skip
+    )
     return TraceResult(done, place)
 
 
@@ -279,10 +299,17 @@ class Qualification:
     def _repr_html_(self) -> str:
         judgement = {None: "", True: "kept", False: "exceeded"}
         rows = [
-            (row["test"], row["axis"], row["figure"], number(row["value"]), row["unit"], number(row["limit"]),
-             judgement[row["passed"]])
+            (
+                row["test"],
+                row["axis"],
+                row["figure"],
+                number(row["value"]),
+                row["unit"],
+                number(row["limit"]),
+                judgement[row["passed"]],
+            )
             for row in self.result["rows"]
-        ]  # fmt: skip
+        ]
         return html_table(("test", "axis", "figure", "value", "unit", "limit", ""), rows, repr(self)[1:-1])
 
 

@@ -77,9 +77,13 @@ class Run:
         return picture_of(chosen(what, there), what)
 
     def to_folder(
-        self, path: str | Path | None = None, *, log_format: LogFormat = "parquet", recording: bool = True,
+        self,
+        path: str | Path | None = None,
+        *,
+        log_format: LogFormat = "parquet",
+        recording: bool = True,
         report: bool = True,
-    ) -> Path:  # fmt: skip
+    ) -> Path:
         """Write what `hexsim run` writes: log, summary.json, config.toml, figures, report.html, Rerun recording; the folder.
 
         path: None: `runs/<time>-<scenario>`. Raises HexsimError where it cannot be written.
@@ -135,9 +139,15 @@ def run(
     check_run_options(seed, timestep)
     with_machine, what = prepared(scenario, machine, set, allow_native)
     done = simulation.simulate(
-        with_machine, what, compensator=compensator_of(compensator), fast=fast, seed=int(seed), timestep=timestep,
-        host=_host(host), progress=progress,
-    )  # fmt: skip
+        with_machine,
+        what,
+        compensator=compensator_of(compensator),
+        fast=fast,
+        seed=int(seed),
+        timestep=timestep,
+        host=_host(host),
+        progress=progress,
+    )
     return Run(done)
 
 
@@ -237,9 +247,15 @@ def compare(
     for one in checked:
         simulation.make_compensators(one, with_machine)  # an unknown one is refused before the first run
     done = comparisons.compare(
-        with_machine, what, checked, fast=fast, seed=int(seed), timestep=timestep,
-        host=_host(host), progress=progress,
-    )  # fmt: skip
+        with_machine,
+        what,
+        checked,
+        fast=fast,
+        seed=int(seed),
+        timestep=timestep,
+        host=_host(host),
+        progress=progress,
+    )
     return Comparison(done)
 
 
@@ -286,9 +302,15 @@ def sweep(
             raise HexsimError(f"a compensator of a sweep is {shown(one)}: give its name, which is what the table holds")
         simulation.make_compensators(one, with_machine)
     cases = sweeps.cases(
-        what, with_machine, settings=values, seeds=[int(seed) for seed in many["seeds"]],
-        compensators=many["compensators"], fast=fast, timestep=timestep, draws=draws,
-    )  # fmt: skip
+        what,
+        with_machine,
+        settings=values,
+        seeds=[int(seed) for seed in many["seeds"]],
+        compensators=many["compensators"],
+        fast=fast,
+        timestep=timestep,
+        draws=draws,
+    )
     with tempfile.TemporaryDirectory(prefix="hexsim-sweep-") as made:
         place = Path(out) if out is not None else Path(made) / "sweep.parquet"
         executor = InThisProcess() if workers == 1 else Workers(workers)

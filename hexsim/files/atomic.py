@@ -13,11 +13,14 @@ from pathlib import Path
 from hexsim.errors import HexsimError
 
 PARTIAL = ".partial-"
-ABANDONED_s = 3600.0  # a file that nobody has written to for so long is left from a process that was killed
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def written_whole(
+    path: Path,
+    *,
+    abandoned_s: float = 3600.0,  # a file that nobody has written to for so long is left from a process that was killed
+) -> Iterator[Path]:
     """Yield a temporary path; when the block ends well, it becomes `path`, else it is removed.
 
     The temporary name keeps the suffix (.csv.gz too), because writers choose the format by it. What killed processes
@@ -26,7 +29,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        remove_partials(path, ABANDONED_s)
+        remove_partials(path, abandoned_s)
         handle, name = tempfile.mkstemp(prefix=_prefix(path), suffix="".join(path.suffixes[-2:]), dir=path.parent)
         os.close(handle)
     except OSError as error:

@@ -25,7 +25,6 @@ from hexsim.files.runs_index import link_to_index, write_index
 UNFINISHED = ".unfinished-"
 LOCK = ".lock"  # in an unfinished folder: its run lives
 WRITING = ".hexsim-"  # beside a place, with the place's name and LOCK: a run is writing it
-YOUNG_S = 10.0
 OF_A_RUN = (
     "log.parquet",
     "log.csv",
@@ -217,17 +216,21 @@ def run_folder(out: Path) -> Iterator[RunFolder]:
         raise
 
 
-def _remove_abandoned(parent: Path) -> None:
+def _remove_abandoned(
+    parent: Path,
+    *,
+    young_s: float = 10.0,  # a younger one may be of a run that is about to write
+) -> None:
     """Folders and locks whose run was killed: nobody holds them, and they are no younger than a run takes to begin."""
     for file in parent.glob(f"{WRITING}*{LOCK}"):
         with suppress(OSError, Timeout):
-            if time.time() - file.stat().st_mtime > YOUNG_S:
+            if time.time() - file.stat().st_mtime > young_s:
                 lock = FileLock(file, blocking=False)
                 lock.acquire()
                 _release(lock)
     for folder in parent.glob(f"{UNFINISHED}*"):
         with suppress(OSError, Timeout):
-            if time.time() - folder.stat().st_mtime > YOUNG_S:
+            if time.time() - folder.stat().st_mtime > young_s:
                 with FileLock(folder / LOCK, blocking=False):
                     pass
                 shutil.rmtree(folder, ignore_errors=True)

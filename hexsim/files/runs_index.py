@@ -15,8 +15,6 @@ from hexsim.files.atomic import write_text
 INDEX = "index.html"
 MARK = "<!-- hexsim: the runs of this folder, written anew with each -->"  # another index.html is somebody's own
 PLACE = "<!-- all runs -->"  # in a report
-MOST = 1000  # rows
-READ = 20_000  # characters of a report in which its title and its first sentence stand
 TITLE = re.compile(r"<title>(.*?)( · hexsim)?</title>", re.DOTALL)
 SENTENCE = re.compile(r'<p class="(?:lead|big)">(.*?)</p>', re.DOTALL)
 TAG = re.compile(r"<[^>]*>")
@@ -50,15 +48,19 @@ def write_index(root: Path) -> None:
         write_text(index, page_of(root))
 
 
-def page_of(root: Path) -> str:
+def page_of(
+    root: Path,
+    *,
+    most_rows: int = 1000,  # that a browser lays out at once
+) -> str:
     pages = []
     for path in root.glob("*/report.html"):
         with suppress(OSError):
             if not path.parent.name.startswith("."):
                 pages.append((path.stat().st_mtime, path))
     pages.sort(reverse=True)
-    rows = "".join(row_of(time, path) for time, path in pages[:MOST])
-    older = f"<p>{len(pages) - MOST} older runs are not listed.</p>" if len(pages) > MOST else ""
+    rows = "".join(row_of(time, path) for time, path in pages[:most_rows])
+    older = f"<p>{len(pages) - most_rows} older runs are not listed.</p>" if len(pages) > most_rows else ""
     name = escape(root.resolve().name)
     return (
         f'<!doctype html>\n{MARK}\n<html lang="en"><head><meta charset="utf-8">'
@@ -68,11 +70,16 @@ def page_of(root: Path) -> str:
     )
 
 
-def row_of(time: float, path: Path) -> str:
+def row_of(
+    time: float,
+    path: Path,
+    *,
+    read_characters: int = 20_000,  # characters of a report in which its title and its first sentence stand
+) -> str:
     """Time, title with a link, first sentence of a report; as text, whoever wrote it."""
     text = ""
     with suppress(OSError, UnicodeDecodeError), path.open(encoding="utf-8") as file:
-        text = file.read(READ)
+        text = file.read(read_characters)
     title, said = TITLE.search(text), SENTENCE.search(text)
     name = path.parent.name
     shown = unescape(title[1]).strip() if title else name

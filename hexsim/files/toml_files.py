@@ -13,9 +13,7 @@ from pydantic import ValidationError
 
 from hexsim.errors import HexsimError, shortened
 
-MAX_BYTES = 10_000_000
 MAX_DEPTH = 20  # tables within tables
-SHOWN_PROBLEMS = 3
 SI = {
     "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "g": 1e-3, "kg": 1.0, "t": 1e3, "ms": 1e-3, "s": 1.0,
     "Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "N": 1.0, "kN": 1e3, "l/min": 1e-3 / 60, "l": 1e-3, "ml": 1e-6,
@@ -27,11 +25,15 @@ PLAINLY = {
 }
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(
+    path: Path,
+    *,
+    most_bytes: int = 10_000_000,  # of settings written by hand, a thousand times over
+) -> dict[str, Any]:
     """The tables of a TOML file, or a HexsimError that names the file and line."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise HexsimError(f"{path} is larger than {MAX_BYTES // 1_000_000} MB: that is no file of settings")
+        if path.stat().st_size > most_bytes:
+            raise HexsimError(f"{path} is larger than {most_bytes // 1_000_000} MB: that is no file of settings")
         return parse_toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise HexsimError(f"cannot read {path}: {error.strerror or error}") from None
@@ -72,15 +74,20 @@ def set_dotted(tables: dict[str, Any], dotted: str, value: Any, source: str) -> 
     tables[key] = value
 
 
-def validation_sentence(error: ValidationError, model: Any) -> str:
+def validation_sentence(
+    error: ValidationError,
+    model: Any,
+    *,
+    most_problems: int = 3,  # that one sentence holds
+) -> str:
     """The problems of a pydantic error as one sentence: table, key, what was given, what is allowed.
 
     A key that is not known stands before those that are missing, because it may be one of them, misspelled.
     """
     problems = sorted(error.errors(include_url=False), key=lambda problem: problem["type"] == "missing")
     said = list(dict.fromkeys(_problem(problem, model) for problem in problems))
-    more = f" (and {len(said) - SHOWN_PROBLEMS} more)" if len(said) > SHOWN_PROBLEMS else ""
-    return "; ".join(said[:SHOWN_PROBLEMS]) + more
+    more = f" (and {len(said) - most_problems} more)" if len(said) > most_problems else ""
+    return "; ".join(said[:most_problems]) + more
 
 
 def _problem(first: Any, model: Any) -> str:

@@ -29,9 +29,14 @@ class HexsimEnv(gymnasium.Env):
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own form)
 
     def __init__(
-        self, task: Task | None = None, *, machine: str | Machine | None = None, model: ModelKind = "tendon",
-        timestep: float | None = None, **changes: Any,
-    ) -> None:  # fmt: skip
+        self,
+        task: Task | None = None,
+        *,
+        machine: str | Machine | None = None,
+        model: ModelKind = "tendon",
+        timestep: float | None = None,
+        **changes: Any,
+    ) -> None:
         self.task, self.timestep = task_of(task, machine, **changes), timestep
         self.model: ModelKind = model
         self.episodes = Episodes(self.task, 1)

@@ -32,11 +32,8 @@ SECTIONS = ("valve", "friction", "load", "oil", "cylinder", "supply")
 AHEAD_s = (0.0, 0.01, 0.02)
 ERROR_m, VELOCITY_m_s, ACCELERATION_m_s2, DEVIATION_m_s2 = 1e-3, 0.1, 0.5, 0.2  # what counts as 1
 BAND_Hz = (4.0, 50.0)  # above the motions, whose lag is no jolt
-WORST = 100.0  # of a reward, negative
-FADE_s = 1.0
 N_SEEN = 8  # numbers a leg in an observation
 LARGEST = 10.0  # of a number in an observation
-SHARPEST_STEPS_A_SECOND = 1e5
 
 
 def default_machine() -> Machine:
@@ -66,8 +63,10 @@ class Task:
         if self.role not in ("compensator", "controller"):
             raise HexsimError(f"role {self.role!r}: compensator or controller")
         for name, (low, high) in {
-            "amplitude_m": self.amplitude_m, "frequency_Hz": self.frequency_Hz, **self.effects,
-        }.items():  # fmt: skip
+            "amplitude_m": self.amplitude_m,
+            "frequency_Hz": self.frequency_Hz,
+            **self.effects,
+        }.items():
             if not low <= high:
                 raise HexsimError(f"{name} = ({low:g}, {high:g}): the first must not be above the second")
 
@@ -88,11 +87,16 @@ class Task:
         changes |= {key: random.uniform(low, high) for key, (low, high) in self.effects.items()}
         return changed(self.machine, changes, source="a drawn machine")
 
-    def drawn_motion(self, random: np.random.Generator) -> Scenario:
+    def drawn_motion(
+        self,
+        random: np.random.Generator,
+        *,
+        fade_s: float = 1.0,  # from rest into the motion
+    ) -> Scenario:
         """A sine of drawn size and frequency, up or down first."""
         size = random.uniform(*self.amplitude_m) * random.choice((-1.0, 1.0))
         wave = Sine(amplitude=size, frequency_Hz=random.uniform(*self.frequency_Hz))
-        wave = faded(wave, FADE_s, "smooth")  # without a kink, which nobody can follow
+        wave = faded(wave, fade_s, "smooth")  # without a kink, which nobody can follow
         return Scenario(name="task", mode="dof", signals={"z": wave}, duration_s=self.duration_s, fade_s=0.0)
 
     def setpoints(self, motion: Scenario) -> Array:
@@ -172,13 +176,19 @@ class Episodes:
         volts = self.gain * (self.reference(0) - self.position) + self.task.authority_V * self.action
         return np.clip(volts, -self.limit, self.limit)
 
-    def advance(self, position: Array, velocity: Array) -> Array:
+    def advance(
+        self,
+        position: Array,
+        velocity: Array,
+        *,
+        worst: float = 100.0,  # of a reward, negative
+    ) -> Array:
         """After a tick: rewards (n,) of what the legs did in it."""
         acceleration = (velocity - self.velocity) / self.task.tick_s
         self.deviation = self._banded(acceleration - self.reference(2))
         self.before, self.position, self.velocity = self.position, position, velocity
         self.step += 1
-        return -np.minimum(np.mean((self.deviation / DEVIATION_m_s2) ** 2, axis=1), WORST)
+        return -np.minimum(np.mean((self.deviation / DEVIATION_m_s2) ** 2, axis=1), worst)
 
     def _banded(self, values: Array) -> Array:
         """One sample through the filter's sections (direct form II transposed)."""

@@ -17,8 +17,9 @@ from mujoco.batch import Batch
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.gym.environment import legs_of
-from hexsim.gym.task import LARGEST, N_SEEN, SHARPEST_STEPS_A_SECOND, Episodes, Task, options_of, task_of
+from hexsim.gym.task import LARGEST, N_SEEN, Episodes, Task, options_of, task_of
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.steps import SHORTEST_S
 from hexsim.hydraulics.valve import delay_in_ticks
 from hexsim.plant import Plant
 from hexsim.plant.batch import PlatformBatch
@@ -36,9 +37,16 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
     metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}  # noqa: RUF012 (Gymnasium's own form)
 
     def __init__(
-        self, num_envs: int, task: Task | None = None, *, machine: str | Machine | None = None, threads: int = 0,
-        model: ModelKind = "tendon", timestep: float | None = None, **changes: Any,
-    ) -> None:  # fmt: skip
+        self,
+        num_envs: int,
+        task: Task | None = None,
+        *,
+        machine: str | Machine | None = None,
+        threads: int = 0,
+        model: ModelKind = "tendon",
+        timestep: float | None = None,
+        **changes: Any,
+    ) -> None:
         self.num_envs, self.task = num_envs, task_of(task, machine, **changes)
         self.threads, self.timestep = threads, timestep
         self.model: ModelKind = model
@@ -56,7 +64,7 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         first = Plant(self.machines[0], model=self.model)
         plants = [first, *(Plant(machine, model=self.model) for machine in self.machines[1:])]
         sharpest = max(max(plant.step_rule().standstill, plant.step_rule().steady) for plant in plants)
-        if not sharpest < SHARPEST_STEPS_A_SECOND:
+        if not sharpest * SHORTEST_S < 1.0:
             raise HexsimError("one of the drawn machines asks for steps below 10 us: narrow the ranges")
         step = self.timestep or self.task.tick_s / np.ceil(sharpest * self.task.tick_s)
         self.substeps = round(self.task.tick_s / step)

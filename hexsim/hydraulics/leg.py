@@ -221,9 +221,15 @@ def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory=0.0):
     """
     force = -P2 * p[P.AREA_TOP] - friction_force(p, y, v, P1, z, P2, t)
     force += friction.end_stop_force(
-        y, v, p[P.STROKE], p[P.CUSHION_LENGTH], p[P.CUSHION_STIFFNESS], p[P.CUSHION_DAMPING], p[P.CUSHION_CHOKE_LOW],
+        y,
+        v,
+        p[P.STROKE],
+        p[P.CUSHION_LENGTH],
+        p[P.CUSHION_STIFFNESS],
+        p[P.CUSHION_DAMPING],
+        p[P.CUSHION_CHOKE_LOW],
         p[P.CUSHION_CHOKE_HIGH],
-    )  # fmt: skip
+    )
     force += p[P.EXTRA_FORCE] - p[P.EXTRA_SPRING] * (y - 0.5 * p[P.STROKE]) - p[P.EXTRA_DAMPING] * v
     if p[P.HARDENING] != 0.0:
         force -= p[P.HARDENING] * (y - 0.5 * p[P.STROKE]) ** 3

@@ -31,8 +31,14 @@ def dynamic_viscosity(
     return density_kg_m3 * kinematic_viscosity(temperature_degC, grade) * thickening
 
 
-def bulk_modulus(temperature_degC: float, pressure_Pa: float, air_fraction: float, reference: float,
-                 reference_degC: float, grade: OilGrade = TELLUS_T46) -> float:  # fmt: skip
+def bulk_modulus(
+    temperature_degC: float,
+    pressure_Pa: float,
+    air_fraction: float,
+    reference: float,
+    reference_degC: float,
+    grade: OilGrade = TELLUS_T46,
+) -> float:
     """E [Pa] of oil with entrained air (volume fraction at atmospheric pressure)."""
     liquid = liquid_bulk_modulus(temperature_degC, pressure_Pa, reference, reference_degC, grade)
     return chamber.bulk_modulus(pressure_Pa, liquid, air_fraction)

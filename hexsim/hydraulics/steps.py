@@ -40,10 +40,10 @@ from hexsim.hydraulics.supply import LINE, POWER_UNIT, S
 Array = NDArray[np.float64]
 
 LONGEST_S = 1.0e-3  # MuJoCo's ball ends of full legs (time constant 2 ms) take no longer one
-RINGING_S = 5.0e-4
+RINGING_S = 5.0e-4  # a step that follows the ring of a reversal, for who has no error of a step
 RINGING_FOR_S = 0.1  # five periods of the band's edge
-SHORTEST_S = 1.0e-5
-FASTEST_LAW_S = 1.0e-4
+SHORTEST_S = 1.0e-5  # a hundredth of the longest: what asks for more is slowed or refused
+FASTEST_LAW_S = 1.0e-4  # time constant of the fastest law: 1 % of a period at 100 Hz, twice what people feel
 RING, FLOW, STIFF = 0.8, 1.0, 2.2  # largest h omega of a ring, h lambda of the valve's flow, h lambda of friction
 NEAR = 5.0  # widths of the friction's sign: tanh(5) = 1 - 1e-4
 EMPTY = 1.01  # of the precharge: the accumulator's capacity falls a thousandfold as its oil ends
@@ -79,10 +79,13 @@ def stiffness(p):
     with it [N s/m], end stop's spring [N/m] and damper [N s/m])."""
     viscous = max(p[P.VISCOUS_EXTEND], p[P.VISCOUS_RETRACT]) + p[P.EXTRA_DAMPING]
     return (
-        p[P.AREA_BOTTOM] ** 2, p[P.BRISTLE_STIFFNESS] + p[P.EXTRA_SPRING], viscous, friction_slope(p) + viscous,
+        p[P.AREA_BOTTOM] ** 2,
+        p[P.BRISTLE_STIFFNESS] + p[P.EXTRA_SPRING],
+        viscous,
+        friction_slope(p) + viscous,
         2.0 * p[P.CUSHION_STIFFNESS],
         p[P.CUSHION_DAMPING] + 2.0 * max(p[P.CUSHION_CHOKE_LOW], p[P.CUSHION_CHOKE_HIGH]) * greatest_speed(p),
-    )  # fmt: skip
+    )
 
 
 @compiled
@@ -104,9 +107,11 @@ def rule_of(springs, bristle, viscous, standstill, stop, stop_damping, own_rad_s
     """The numbers of StepRule. Arguments: max eig(A K), K each of `stiffness`; rates of the machine's parts [rad/s]."""
     ring = max(math.sqrt(bristle), own_rad_s, min(supply_rad_s, RING / FASTEST_LAW_S))
     return (
-        max(1.0 / LONGEST_S, ring / RING, viscous / STIFF), springs, standstill / STIFF,
+        max(1.0 / LONGEST_S, ring / RING, viscous / STIFF),
+        springs,
+        standstill / STIFF,
         max(math.sqrt(stop) / RING, stop_damping / STIFF),
-    )  # fmt: skip
+    )
 
 
 @compiled

@@ -85,7 +85,7 @@ class U(IntEnum):
 
 N_SUPPLY = len(S)
 N_POWER_UNIT_STATES = len(U)
-CONSTANT, LINE, POWER_UNIT = 0, 1, 2
+CONSTANT, LINE, POWER_UNIT = 0, 1, 2  # kind of a supply, as its row says
 N_STATES = {CONSTANT: 0, LINE: 1, POWER_UNIT: N_POWER_UNIT_STATES}  # the last one is Ps
 
 

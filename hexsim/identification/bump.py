@@ -34,8 +34,6 @@ Array = NDArray[np.float64]
 ALGORITHM = "adaptive"
 FADE_s = 2.0  # to full size: short, so that the first reversal is one that is compensated
 PERIODS = 5  # at full size
-LEARNING_s = 60.0  # of a bench's twin
-LEARNING_PLATFORM_s = 30.0  # of a platform's, which costs more
 UNCHANGED = 0.9  # of the bump: what is left where plain control has acted
 LOGS = ("heave_plain", "heave_compensated")
 
@@ -89,9 +87,13 @@ def heave(machine: Machine, at_full_size_s: float) -> dict[str, Any]:
     """The half-hertz sine as a scenario's tables: along z of a platform, on the leg of a bench."""
     axis = "z" if machine.is_hexapod else "leg_1"
     return {
-        "name": "heave", "mode": "dof" if machine.is_hexapod else "actuator", "duration_s": FADE_s + at_full_size_s,
-        "fade_s": FADE_s, "fade": "smooth", "axes": {axis: half_hertz_sine(machine)},
-    }  # fmt: skip
+        "name": "heave",
+        "mode": "dof" if machine.is_hexapod else "actuator",
+        "duration_s": FADE_s + at_full_size_s,
+        "fade_s": FADE_s,
+        "fade": "smooth",
+        "axes": {axis: half_hertz_sine(machine)},
+    }
 
 
 def measured_heave(machine: Machine) -> dict[str, Any]:
@@ -99,9 +101,15 @@ def measured_heave(machine: Machine) -> dict[str, Any]:
     return heave(machine, PERIODS / FREQUENCY_Hz + FADE_s)
 
 
-def start_parameters(twin: Machine, show: Callable[[float], None] = lambda share: None) -> list[Parameters]:
+def start_parameters(
+    twin: Machine,
+    show: Callable[[float], None] = lambda share: None,
+    *,
+    bench_s: float = 60.0,  # of a bench's twin
+    platform_s: float = 30.0,  # of a platform's, which costs more
+) -> list[Parameters]:
     """What the compensator learns of each leg of a simulated machine in heave."""
-    duration_s = LEARNING_PLATFORM_s if twin.is_hexapod else LEARNING_s
+    duration_s = platform_s if twin.is_hexapod else bench_s
     return simulate_twin(twin, scenario_from_dict(heave(twin, duration_s)), ALGORITHM, show).compensator_parameters
 
 

@@ -31,17 +31,8 @@ from hexsim.motion_computer.telemetry import Telemetry
 from hexsim.simulation.serve import PORT
 
 Array = NDArray[np.float64]
-ANSWER_s = 0.5  # a reply that takes longer is lost
-ASKED, ANSWERED = 300, 20  # times that a compensator is asked for, packets between them
-COMPILE_s = 120.0  # without a reply while a machine makes a compensator: it may compile it
-REST_s = 2.0  # at neutral: a log begins where the oil and the piston are at rest
-SKIPPED_s = 0.25  # a longer silence of the host itself is not made up for
-REACHED_s = 60.0  # by the host's clock, in which a state must be reached
-SETTLE_s = 10.0  # and in which a machine that is given up is lowered
-CLOCK_SHARE = 0.02  # by which machine time may run off the host's; a busy machine skips time
-LATE_s, LATE_LIVE_s = 2 * PERIOD_s, 10 * PERIOD_s  # by which the ends of a motion are known, in lockstep and live
+LATE_s = 2 * PERIOD_s  # by which the ends of a motion are known, in lockstep and live
 LOCKED_SHARE = 0.002  # the same in lockstep, and of telemetry against the machine's own replies
-FAREWELL = 5  # packets that ask a machine to settle which does not answer
 
 
 class MachineFault(HexsimError):
@@ -59,12 +50,19 @@ class Host:
     it settles nothing, see `settle`. measured: the telemetry of a motion that is driven, or was broken off.
     """
 
-    def __init__(self, address: tuple[str, int], machine: Machine | None = None, *, largest: float = 1.0) -> None:
+    def __init__(
+        self,
+        address: tuple[str, int],
+        machine: Machine | None = None,
+        *,
+        largest: float = 1.0,
+        patience_s: float = 3.0,  # without a reply: the machine is gone. A lost packet or a busy computer take tenths of it
+    ) -> None:
         self.machine = machine
         self.limiter = HostLimiter(machine, largest) if machine is not None else None
         self._gate = Gate(self.limiter)
         self._back: deque[Array] = deque()  # rows that lead to neutral
-        self._link = Link(address)
+        self._link = Link(address, patience_s)
         self.time_s, self.sequence, self._lost = 0.0, 0, False
         self.measured: list[Telemetry] = []
         self._answered: Reply | None = None  # that was looked at last
@@ -84,7 +82,14 @@ class Host:
     def reply(self) -> Reply | None:
         return self._link.reply
 
-    def exchange(self, setpoints: Array | None = None, command: str = "none") -> Reply:
+    def exchange(
+        self,
+        setpoints: Array | None = None,
+        command: str = "none",
+        *,
+        skipped_s: float = 0.25,  # a longer silence of the host itself is not made up for
+        answer_s: float = 0.5,  # a reply that takes longer is lost
+    ) -> Reply:
         """Send one packet, `PERIOD_s` after the last by the host's clock, and return the newest reply.
 
         Without setpoints the last are held, or go on to neutral where a motion was broken off. Raises LinkLost where nobody
@@ -96,16 +101,16 @@ class Host:
         packet = HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=values, command=command).pack()
         link, lockstep = self._link, self.reply is None or self.reply.lockstep
         now = clock.monotonic()
-        if now - self._sent_s > SKIPPED_s:
+        if now - self._sent_s > skipped_s:
             link.resume()
-        if now - self._due() > SKIPPED_s:  # it was busy: what is past is not sent in a burst
+        if now - self._due() > skipped_s:  # it was busy: what is past is not sent in a burst
             self._started += now - self._due() + PERIOD_s
         answered = False
         try:
             while not answered:
                 link.send(packet)
                 self._sent_s = clock.monotonic()
-                until_s = self._sent_s + ANSWER_s if lockstep else self._due()
+                until_s = self._sent_s + answer_s if lockstep else self._due()
                 answered = link.receive(until_s, self.sequence % 2**32 if lockstep else None) or not lockstep
         except LinkLost:
             self._lost = True
@@ -117,7 +122,7 @@ class Host:
         reply = self.reply
         assert reply is not None
         if command != "none":  # in real time the answer to it comes packets later
-            for _ in range(round(ANSWER_s / PERIOD_s)):
+            for _ in range(round(answer_s / PERIOD_s)):
                 if (reply.sequence - asked) % 2**32 < 2**31:
                     break
                 reply = self.exchange()
@@ -130,7 +135,12 @@ class Host:
     def _due(self) -> float:
         return self._started + (self.sequence + 1) * PERIOD_s
 
-    def until(self, state: State, command: str = "none", within_s: float = REACHED_s) -> None:
+    def until(
+        self,
+        state: State,
+        command: str = "none",
+        within_s: float = 60.0,  # by the host's clock, in which a state must be reached
+    ) -> None:
         """Give a command and wait until a state is reached and the machine has arrived, so long by the host's clock."""
         end_s = clock.monotonic() + within_s
         reply = self.exchange(command=command)
@@ -142,12 +152,19 @@ class Host:
                 )
             reply = self.exchange()
 
-    def rest(self) -> None:
+    def rest(
+        self,
+        *,
+        rest_s: float = 2.0,  # at neutral: a log begins where the oil and the piston are at rest
+    ) -> None:
         """Let what moves come to rest, on the machine and in its motion computer."""
-        for _ in range(round(REST_s / PERIOD_s)):
+        for _ in range(round(rest_s / PERIOD_s)):
             self.exchange()
 
-    def settle(self, within_s: float = SETTLE_s) -> str:
+    def settle(
+        self,
+        within_s: float = 10.0,  # in which a machine that is given up is lowered
+    ) -> str:
         """Lower the machine; why it is not down after this time by the host's clock, or nothing.
 
         One that does not answer is asked all the same, and not waited for.
@@ -167,10 +184,14 @@ class Host:
             return f"{error}; its own timeout of the host must do the rest"
         return ""
 
-    def _farewell(self) -> str:
+    def _farewell(
+        self,
+        *,
+        packets: int = 5,  # packets that ask a machine to settle which does not answer
+    ) -> str:
         """Ask a machine to settle whose replies cannot be used, without waiting for any."""
         with contextlib.suppress(LinkLost):
-            for _ in range(FAREWELL):
+            for _ in range(packets):
                 row = tuple(self._gate.let_out(self._back.popleft() if self._back else self._gate.sent[-1]))
                 packet = HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=row, command="settle")
                 self._link.send(packet.pack())
@@ -178,7 +199,16 @@ class Host:
                 clock.sleep(PERIOD_s)
         return ""
 
-    def compensate(self, name: str, learned: Sequence[Parameters], n_legs: int) -> None:
+    def compensate(
+        self,
+        name: str,
+        learned: Sequence[Parameters],
+        n_legs: int,
+        *,
+        most_requests: int = 300,  # times that a compensator is asked for
+        answer_packets: int = 20,  # between two of them
+        compile_s: float = 120.0,  # without a reply while a machine makes a compensator: it may compile it
+    ) -> None:
         """Ask for a compensator that starts with what was learned, an entry a leg; "none": for plain control.
 
         Raises HexsimError where the machine refuses it, or does not take compensators by packets.
@@ -186,12 +216,12 @@ class Host:
         legs = enumerate(learned, start=1) if name != "none" else [(0, {})]
         asked = [AskedCompensator(leg=leg, n_legs=n_legs, name=name, parameters=own) for leg, own in legs]
         packets = [packet for one in asked for packet in one.packets()]
-        patience_s, self._link.patience_s = self._link.patience_s, COMPILE_s
+        patience_s, self._link.patience_s = self._link.patience_s, compile_s
         try:
-            for _ in range(ASKED):
+            for _ in range(most_requests):
                 for packet in packets:
                     self._link.send(packet)
-                for _ in range(ANSWERED):
+                for _ in range(answer_packets):
                     reply = self.exchange()
                     if reply.refused:
                         raise HexsimError(f"the machine refuses the compensator {name}: its messages say why")
@@ -201,7 +231,14 @@ class Host:
             self._link.patience_s = patience_s
         raise HexsimError("the machine takes no compensator by packets (`motion_computer.compensator_packet`)")
 
-    def drive(self, setpoints: Array, show: Callable[[float], None] = lambda share: None) -> pl.DataFrame:
+    def drive(
+        self,
+        setpoints: Array,
+        show: Callable[[float], None] = lambda share: None,
+        *,
+        clock_share: float = 0.02,  # by which machine time may run off the host's; a busy machine skips time
+        late_live_s: float = 10 * PERIOD_s,  # by which the ends of a motion are known when it runs live
+    ) -> pl.DataFrame:
         """Play setpoints (m, 6), a row a packet, from neutral and back to it; returns the log of the motion.
 
         They pass the limiter first. A motion that is broken off, by whatever is raised, goes on to neutral within the limits
@@ -228,8 +265,8 @@ class Host:
         self.until(State.NEUTRAL, "return_neutral")  # before anything that takes time: a silent host is a fault
         log = log_of(packets, self.machine)
         commanded, ran = len(rows) * PERIOD_s, last.time_s - first.time_s
-        late_s = LATE_s if last.lockstep else LATE_LIVE_s
-        check_clock("the machine's clock", ran, commanded, LOCKED_SHARE if last.lockstep else CLOCK_SHARE, late_s)
+        late_s = LATE_s if last.lockstep else late_live_s
+        check_clock("the machine's clock", ran, commanded, LOCKED_SHARE if last.lockstep else clock_share, late_s)
         check_clock("the telemetry's clock", float(log["time_s"][-1]), ran, LOCKED_SHARE, late_s)
         return log
 

@@ -18,15 +18,9 @@ from hexsim.motion_computer.host_limiter import PERIOD_s
 from hexsim.motion_computer.host_packet import REPLY_MAGIC, Reply, unpack_reply
 from hexsim.motion_computer.telemetry import LARGEST_PACKET, MAGIC, Telemetry, unpack_telemetry
 
-SILENT_s = 3.0  # without a reply: the machine is gone. A lost packet or a busy computer take tenths of it
-REFUSALS = 6  # in a row, of an address at which nobody listens
 REFUSED_s = 0.05  # between two packets to it
 READ = 512  # packets at most between two of the host's: a log of 10 kHz, a row a packet, sends 100
-FLOODED = 50  # so often in a row: a backlog in the socket is read in one
-MOST = 8 * READ  # of telemetry that nobody could use, more than was used
-FASTEST_LOG_Hz = 20_000.0  # of telemetry that is kept: no transducer of a motion system is read faster
 JUMP_s = 1.5  # by which a machine's clock may run ahead of the host's between two replies: a server makes up for 1 s
-STILL_s, STILL_SHARE = 1.0, 0.1  # in so long a clock must advance at least by this share
 
 
 class LinkLost(HexsimError):
@@ -39,8 +33,8 @@ class Link:
     patience_s: without a reply, by the host's clock, until the link is lost.
     """
 
-    def __init__(self, address: tuple[str, int]) -> None:
-        self.address, self.patience_s = address, SILENT_s
+    def __init__(self, address: tuple[str, int], patience_s: float) -> None:
+        self.address, self.patience_s = address, patience_s
         self.reply: Reply | None = None
         self.telemetry: deque[Telemetry] = deque(maxlen=READ)
         self.instead = ""  # what came and could not be used, in words
@@ -106,18 +100,26 @@ class Link:
         self._check_alive()
         return answered
 
-    def _check_alive(self) -> None:
+    def _check_alive(
+        self,
+        *,
+        most_refusals: int = 6,  # in a row, of an address at which nobody listens
+        most_full_reads: int = 50,  # so often in a row: a backlog in the socket is read in one
+        most_unusable: float = 8 * READ,  # of telemetry that nobody could use, more than was used
+    ) -> None:
         silent_s = clock.monotonic() - self._heard_s
-        if self._full >= FLOODED or self._useless > MOST:
+        if self._full >= most_full_reads or self._useless > most_unusable:
             raise LinkLost(
                 f"the machine at {self.where} floods the host: more than {READ} packets for each of the host's; mend its rate "
                 "of telemetry"
             )
-        if self._refusals < REFUSALS and silent_s < self.patience_s:
+        if self._refusals < most_refusals and silent_s < self.patience_s:
             return
         instead = f"; what comes instead is {self.instead}" if self.instead else ""
         if self.reply is not None:
-            gone = "nobody listens there any more" if self._refusals >= REFUSALS else f"silent for {silent_s:.1f} s"
+            gone = (
+                "nobody listens there any more" if self._refusals >= most_refusals else f"silent for {silent_s:.1f} s"
+            )
             raise LinkLost(
                 f"the machine at {self.where} does not answer any more: {gone}, at machine time {self.reply.time_s:.2f} s"
                 f"{instead}"
@@ -153,7 +155,13 @@ class Link:
             self.instead = f"packets of {len(data)} bytes that begin with {_text(data[:4])!r}"
         return None
 
-    def _take_reply(self, reply: Reply) -> int | None:
+    def _take_reply(
+        self,
+        reply: Reply,
+        *,
+        still_share: float = 0.1,  # in so long a clock must advance at least by this share
+        still_s: float = 1.0,  # in so long a clock must advance at least by this share
+    ) -> int | None:
         now, before = clock.monotonic(), self.reply
         if reply.time_s < 0.0:
             raise LinkLost(
@@ -176,8 +184,8 @@ class Link:
                 raise LinkLost(
                     f"the machine's clock jumps from {before.time_s:g} to {reply.time_s:g} s: its log could not be trusted"
                 )
-            if min(own_s, asked_s) > STILL_s:
-                if ran_s < STILL_SHARE * min(own_s, asked_s):
+            if min(own_s, asked_s) > still_s:
+                if ran_s < still_share * min(own_s, asked_s):
                     raise LinkLost(
                         f"the machine's clock stands still at {reply.time_s:g} s, while the host's ran {own_s:.1f} s: it "
                         "answers, but nothing moves on"
@@ -186,12 +194,17 @@ class Link:
         self.reply, self._heard_s = reply, now
         return reply.sequence
 
-    def _take_telemetry(self, rows: Telemetry) -> None:
+    def _take_telemetry(
+        self,
+        rows: Telemetry,
+        *,
+        fastest_Hz: float = 20_000.0,  # of telemetry that is kept: no transducer of a motion system is read faster
+    ) -> None:
         """Keep what continues the telemetry before it, on the machine's own clock: nothing grows without machine time."""
         self._useless += 1
         newest_s = self.reply.time_s if self.reply is not None else 0.0
-        if rows.rate_Hz > FASTEST_LOG_Hz:
-            self.instead = f"telemetry at {rows.rate_Hz:g} rows a second, at most {FASTEST_LOG_Hz:g} can be"
+        if rows.rate_Hz > fastest_Hz:
+            self.instead = f"telemetry at {rows.rate_Hz:g} rows a second, at most {fastest_Hz:g} can be"
         elif not self._rows_until_s - 0.5 / rows.rate_Hz < rows.time_s <= newest_s + JUMP_s:
             if rows.time_s > newest_s:
                 self.instead = (

@@ -21,10 +21,12 @@ from hexsim.smoothness.threshold import PERCEPTION_m_s2
 from hexsim.tracing.report.budget import STEP_COLOURS, worst_of_kinds
 from hexsim.tracing.report.signals import SCALE
 
-FLOOR = 0.5  # of the error axis, in multiples of the noise
 QUANTITIES = {  # of a leg: its unit for people, and how many of it are one of SI
-    "excursion": ("mm", 1e3), "velocity": ("mm/s", 1e3), "acceleration": ("m/s²", 1.0), "jerk": ("m/s³", 1.0),
-}  # fmt: skip
+    "excursion": ("mm", 1e3),
+    "velocity": ("mm/s", 1e3),
+    "acceleration": ("m/s²", 1.0),
+    "jerk": ("m/s³", 1.0),
+}
 ROUND_COLOURS = ("#9AA5B1", *palette.RUNS)
 
 
@@ -40,7 +42,12 @@ def story_figure(headline: str, budget: list[dict[str, Any]], bump: Bump | None)
     return figure
 
 
-def draw_budget(plot: Axes, budget: list[dict[str, Any]]) -> None:
+def draw_budget(
+    plot: Axes,
+    budget: list[dict[str, Any]],
+    *,
+    noise_floor: float = 0.5,  # of the error axis, in multiples of the noise
+) -> None:
     """A group of bars a kind of signal, a bar a step, in multiples of the sensor's noise."""
     shown = worst_of_kinds(budget)
     steps = list(dict.fromkeys(row["step"] for row in budget))
@@ -55,14 +62,21 @@ def draw_budget(plot: Axes, budget: list[dict[str, Any]]) -> None:
         x = np.arange(len(shown)) + (k - 0.5 * (len(steps) - 1)) * width
         colour = STEP_COLOURS[k] if k < 3 else palette.RUNS[2 + (k - 3) % 4]
         heights = np.maximum(np.nan_to_num(np.array(sizes, dtype=float), nan=1e-3), 1e-3)
-        bars = plot.bar(x, heights - FLOOR, 0.92 * width, bottom=FLOOR, color=colour, label=step)
+        bars = plot.bar(x, heights - noise_floor, 0.92 * width, bottom=noise_floor, color=colour, label=step)
         plot.bar_label(bars, [plain(size) if size else "" for size in sizes], fontsize=8, padding=2)
     plot.set_yscale("log")
-    plot.set_ylim(FLOOR, 4.0 * plot.get_ylim()[1])
+    plot.set_ylim(noise_floor, 4.0 * plot.get_ylim()[1])
     plain_powers(plot)
     plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
-    plot.annotate("noise", (1.0, 1.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
-                  va="center", fontsize=8)  # fmt: skip
+    plot.annotate(
+        "noise",
+        (1.0, 1.0),
+        (4, 0),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        va="center",
+        fontsize=8,
+    )
     plot.set_xticks(
         range(len(shown)), [SCALE[kind_of(channel)][0].replace(", ", "\n") for _, channel in shown], fontsize=9
     )
@@ -81,8 +95,15 @@ def draw_bump(plot: Axes, bump: Bump) -> None:
     ):
         plot.plot(own.time_s - own.time_s[0], own.band, color=colour, lw=1.3, label=f"{label}: {worst:.3f} m/s²")
     plot.axhspan(-PERCEPTION_m_s2["z"], PERCEPTION_m_s2["z"], color=palette.GRID, lw=0, zorder=0)
-    plot.annotate("below\nperception", (1.0, 0.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
-                  va="center", fontsize=8)  # fmt: skip
+    plot.annotate(
+        "below\nperception",
+        (1.0, 0.0),
+        (4, 0),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        va="center",
+        fontsize=8,
+    )
     plot.set_xlabel("time of the heave, 0.5 Hz [s]")
     plot.set_ylabel("acceleration beside\nthe sine, 50 Hz [m/s²]")
     plot.set_title(f"The bump at each reversal of the machine: {bump.left}", loc="left", pad=20)
@@ -128,9 +149,12 @@ def motion_figure(limiter: HostLimiter, rows: np.ndarray, title: str) -> Figure:
     figure = Figure(figsize=(WIDTH_IN, 7.2), layout="constrained")
     duration_s = len(rows) * limiter.period_s
     figure.suptitle(
-        f"{title}: {duration_s:.0f} s, at most {100 * share:.0f} % of a limit ({what})", x=0.01, ha="left", fontsize=12,
+        f"{title}: {duration_s:.0f} s, at most {100 * share:.0f} % of a limit ({what})",
+        x=0.01,
+        ha="left",
+        fontsize=12,
         fontweight="bold",
-    )  # fmt: skip
+    )
     plots = figure.subplots(len(KINDS), len(found), sharex=True, squeeze=False)
     for column, (place, derivatives) in enumerate(found.items()):
         legs, limits = place == "leg", limiter.limits[place]

@@ -19,7 +19,6 @@ from hexsim.tracing.design.motions import MotionFamily
 Array = NDArray[np.float64]
 MOTION_s = 20.0  # of a round
 SMALL_s = 5.0  # of the first, careful motion
-SMALL_SHARE = 0.2  # of the first motion
 # kind, axis, size, two frequencies, slope, seed: see `MotionFamily.bounds`
 FIRST = np.array([0, 0, 0.9, 0.2, 0.75, 0.5, 1])
 HELD_OUT = {  # by the name of the log
@@ -28,7 +27,13 @@ HELD_OUT = {  # by the name of the log
 }
 
 
-def planned(machine: Machine, largest: float = 1.0, compensate: bool = False) -> dict[str, Array]:
+def planned(
+    machine: Machine,
+    largest: float = 1.0,
+    compensate: bool = False,
+    *,
+    small_share: float = 0.2,  # of the first motion
+) -> dict[str, Array]:
     """Name of the log -> setpoints (m, 6), in the order in which they are driven.
 
     Raises HexsimError where no motion fits inside the limits.
@@ -45,7 +50,7 @@ def planned(machine: Machine, largest: float = 1.0, compensate: bool = False) ->
         if tables is None:
             raise HexsimError(f"machine {machine.name}: no motion fits inside its limits; check stroke and cushions")
         rows = setpoints_of(machine, tables)
-        found[name] = limiter.limit(SMALL_SHARE * rows if name == "small" else rows)
+        found[name] = limiter.limit(small_share * rows if name == "small" else rows)
     return found
 
 

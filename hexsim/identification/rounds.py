@@ -42,16 +42,19 @@ from hexsim.tracing.trace import trace
 
 Array = NDArray[np.float64]
 Show = Callable[[str, float], None]
-SLOWEST_LOOP_s = 0.3  # by which a leg may follow later
-ROUNDS = 6  # at most
 LOWERING = "lowering the machine"
-GUIDED_s = 12.0  # machine time of a round besides its motion: to neutral and back
 
 
 def identify(
-    machine_file: Path | str, address: tuple[str, int], minutes: float, out: Path, show: Show | None = None, *,
-    compensate: bool = False, largest: float = 1.0,
-) -> Story:  # fmt: skip
+    machine_file: Path | str,
+    address: tuple[str, int],
+    minutes: float,
+    out: Path,
+    show: Show | None = None,
+    *,
+    compensate: bool = False,
+    largest: float = 1.0,
+) -> Story:
     """Identify the machine behind `address` against its declaration; `out` gets logs, traces and the story.
 
     minutes: machine time that may be used by the rounds. compensate: measure the bump before and after compensation.
@@ -156,7 +159,17 @@ def _keep_broken_off(host: Host, machine: Machine, out: Path) -> None:
             write_log(log_of(host.measured, machine), out / "logs" / "broken_off.parquet")
 
 
-def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: Show, largest: float) -> None:
+def _rounds(
+    host: Host,
+    machine: Machine,
+    budget_s: float,
+    story: Story,
+    tell: Show,
+    largest: float,
+    *,
+    most_rounds: int = 6,  # at most
+    guided_s: float = 12.0,  # machine time of a round besides its motion: to neutral and back
+) -> None:
     before_s, plan = story.machine_s, planned(machine, largest)
     _to_neutral(host)
     measure = partial(_measure, host, machine, story.folder, tell, largest)
@@ -169,11 +182,11 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
         _keep(story, before_s + host.time_s)
     rows, purpose, expected = plan["round_1"], "a rich motion, to begin with", {}
     fit: list[Path] = []
-    for number in range(1, ROUNDS + 1):
+    for number in range(1, most_rounds + 1):
         name = logs / f"round_{number}.parquet"
         if not name.exists():
             used_s = before_s + host.time_s
-            if used_s + MOTION_s + GUIDED_s > budget_s:
+            if used_s + MOTION_s + guided_s > budget_s:
                 story.ended = f"the time is used: {used_s:.0f} of {budget_s:.0f} s"
                 return
             write_log(measure(name.stem, rows, f"round {number}: measuring"), name)
@@ -189,15 +202,13 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
                 f"{result.verdict}: nothing is left to be told apart, and every number is sharp{''.join(terms)}"
             )
             return
-        design = next_measurement(
-            result, MOTION_s, partial(_tell_round, tell, number), may_load=False, largest=largest
-        )  # fmt: skip
+        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False, largest=largest)
         if not worth_a_run(design.to_json(), result.verdict == "unexplained"):
             why = design.purpose if design.purpose.startswith("no motion") else "; ".join(open_points(result))
             story.ended = f"no motion inside the machine's limits tells more: {why}"
             return
         rows, purpose, expected = setpoints_of(machine, design.tables), design.purpose, design.to_json()
-    story.ended = f"{ROUNDS} rounds are done; still open: {'; '.join(open_points(result))}"
+    story.ended = f"{most_rounds} rounds are done; still open: {'; '.join(open_points(result))}"
 
 
 def _keep(story: Story, used_s: float) -> None:
@@ -208,18 +219,22 @@ def _keep(story: Story, used_s: float) -> None:
 
 def _measure(
     host: Host, machine: Machine, folder: Path, tell: Show, largest: float, name: str, rows: Array, doing: str
-) -> pl.DataFrame:  # fmt: skip
+) -> pl.DataFrame:
     """Draw the motion, then drive it: its log."""
     tell(doing, 0.0)
     draw(machine, rows, name, folder, largest)
     return host.drive(rows, lambda share: tell(doing, share))
 
 
-def check_careful(log: Any) -> None:
+def check_careful(
+    log: Any,
+    *,
+    slowest_s: float = 0.3,  # by which a leg may follow later
+) -> None:
     """The small motion: the machine that answers moves the way it is told."""
     for name in [name for name in log.columns if name.startswith("position")]:
         told, done = log[name.replace("position", "setpoint")].to_numpy(), log[name].to_numpy()
-        late = [round(shift * len(log) / SMALL_s) for shift in np.arange(0.0, SLOWEST_LOOP_s, 0.02)]
+        late = [round(shift * len(log) / SMALL_s) for shift in np.arange(0.0, slowest_s, 0.02)]
         if np.ptp(done) == 0.0 or max(np.corrcoef(told[: len(told) - k], done[k:])[0, 1] for k in late) < 0.5:
             raise HexsimError(
                 f"{name} does not follow its setpoint in a small motion: check wiring and signs before going on"
@@ -229,9 +244,12 @@ def check_careful(log: Any) -> None:
 def _trace(story: Story, fit: list[Path], number: int, tell: Show) -> Trace:
     held_out = [story.folder / "logs" / f"{name}.parquet" for name in HELD_OUT]
     return trace(
-        story.folder, [str(path) for path in fit], [str(path) for path in held_out], story.folder / f"round_{number}",
+        story.folder,
+        [str(path) for path in fit],
+        [str(path) for path in held_out],
+        story.folder / f"round_{number}",
         partial(_tell_round, tell, number),
-    )  # fmt: skip
+    )
 
 
 def _tell_round(tell: Show, number: int, doing: str, share: float) -> None:
@@ -240,10 +258,16 @@ def _tell_round(tell: Show, number: int, doing: str, share: float) -> None:
 
 def _round(number: int, purpose: str, log: str, result: Trace, expected: dict[str, Any]) -> Round:
     return Round(
-        number=number, purpose=purpose, log=log, verdict=result.verdict, sentences=tuple(open_points(result)),
-        effects=result.report.get("effects", []), error=result.report.get("error", {}),
-        budget=result.report.get("budget", []), expected=expected,
-    )  # fmt: skip
+        number=number,
+        purpose=purpose,
+        log=log,
+        verdict=result.verdict,
+        sentences=tuple(open_points(result)),
+        effects=result.report.get("effects", []),
+        error=result.report.get("error", {}),
+        budget=result.report.get("budget", []),
+        expected=expected,
+    )
 
 
 def open_points(result: Trace) -> list[str]:

@@ -79,19 +79,32 @@ def write_story(story: Story) -> Path:
     page = Report(
         f"Identification of {story.machine.name}",
         [
-            Section(f"From the declared machine to {goal}", [picture(story_png, BUDGET + BUMP * bool(story.bump))] if story_png else []),
+            Section(
+                f"From the declared machine to {goal}",
+                [picture(story_png, BUDGET + BUMP * bool(story.bump))] if story_png else [],
+            ),
             Section("What was missing", [_effect_table(found), *known_and_checks(found)]),
             Section("Error from round to round", [picture(rounds_png, ROUNDS)] if rounds_png else []),
-            Section("What was measured, and why", [
-                table(heads, rounds), remark("Besides, two motions that no fit has seen: every error on this page is of them.")
-            ]),
+            Section(
+                "What was measured, and why",
+                [
+                    table(heads, rounds),
+                    remark("Besides, two motions that no fit has seen: every error on this page is of them."),
+                ],
+            ),
             Section("What it leaves", [facts(FILES)]),
         ],
         about=f"{n} round{'' if n == 1 else 's'}, {story.machine_s / 60:.1f} minutes of machine time. "
         f"Declared: {in_one_line(story.machine)}.",
-        top=[verdict("", [sentence(story), bump_sentence(story)], [f"It ended because: {why_ended(story)}."],
-                     good=bool(n) and story.rounds[-1].verdict in ("explained", "nothing missing"))],
-    )  # fmt: skip
+        top=[
+            verdict(
+                "",
+                [sentence(story), bump_sentence(story)],
+                [f"It ended because: {why_ended(story)}."],
+                good=bool(n) and story.rounds[-1].verdict in ("explained", "nothing missing"),
+            )
+        ],
+    )
     place = story.folder / "report.html"
     write_text(place, page.html())
     return place
@@ -122,9 +135,7 @@ def write_recordings(story: Story) -> list[Path]:
     """Rerun recordings: a held-out run with the declared and the fitted machine beside it, and the bump where measured."""
     assert story.fitted is not None
     logs, written = story.folder / "logs", []
-    written += write_trace_recordings(
-        logs, ["held_out"], story.machine, story.fitted, story.folder, sentence(story)
-    )  # fmt: skip
+    written += write_trace_recordings(logs, ["held_out"], story.machine, story.fitted, story.folder, sentence(story))
     if story.bump:
         runs = {
             label: Signals(log=read_log(logs / f"{name}.parquet"), machine=story.fitted, label=label)

@@ -16,21 +16,25 @@ from hexsim.signals.table import table
 
 Array = NDArray[np.float64]
 LOST_SHARE = 0.05  # of the telemetry that may be lost in a run
-RATE_SHARE = 0.02  # by which rows may be farther apart than the rate says
 STEMS = (
-    "setpoint", "position", "pressure_bottom", "pressure_top", "valve", "pressure_supply", "acceleration",
+    "setpoint",
+    "position",
+    "pressure_bottom",
+    "pressure_top",
+    "valve",
+    "pressure_supply",
+    "acceleration",
     "angular_acceleration",
-)  # fmt: skip
-BEYOND_STROKE = 0.05  # of the stroke, by which a transducer may read beyond it: its zero is known so well
-BEYOND_PRESSURE = 1.5  # times what a chamber can hold: shocks
+)
 BELOW_Pa = 2e5  # a gauge's zero, and one atmosphere: no pressure lies farther below zero
-BEYOND_VOLTS = 1.1
-LARGEST_m_s2 = 100.0  # ten times gravity: the range of a platform's accelerometer is smaller
-LARGEST_rad_s2 = 1000.0
-MUST_MOVE_m = 1e-3  # a leg that is asked for so much changes every reading of its own
 
 
-def log_of(packets: Iterable[Telemetry], machine: Machine | None = None) -> pl.DataFrame:
+def log_of(
+    packets: Iterable[Telemetry],
+    machine: Machine | None = None,
+    *,
+    rate_share: float = 0.02,  # by which rows may be farther apart than the rate says
+) -> pl.DataFrame:
     """The log of telemetry packets: columns of the log format, a gap in time where packets were lost.
 
     Raises HexsimError where there is none, where too much is lost, where times and rate contradict each other, or where a
@@ -48,7 +52,7 @@ def log_of(packets: Iterable[Telemetry], machine: Machine | None = None) -> pl.D
     following = [(one, other) for one, other in pairwise(kept) if (other.sequence - one.sequence) % 2**32 == 1]
     steps = [(other.time_s - one.time_s) / len(one.rows) for one, other in following]
     usual = float(np.median(steps)) if steps else 1.0 / rate
-    if abs(usual * rate - 1.0) > RATE_SHARE:
+    if abs(usual * rate - 1.0) > rate_share:
         raise HexsimError(
             f"the telemetry says {rate:g} Hz, but its rows are {1e3 * usual:.3f} ms apart: its rate cannot be trusted; "
             "mend the rate or the time stamps"
@@ -96,23 +100,34 @@ def judged(found: dict[str, Array], n: int, machine: Machine | None) -> None:
         _alive(found, n)
 
 
-def _in_range(found: dict[str, Array], n: int, machine: Machine) -> None:
+def _in_range(
+    found: dict[str, Array],
+    n: int,
+    machine: Machine,
+    *,
+    stroke_share: float = 0.05,  # of the stroke, by which a transducer may read beyond it: its zero is known so well
+    pressure_ratio: float = 1.5,  # times what a chamber can hold: shocks
+    volts_ratio: float = 1.1,  # times the valve's range
+    most_m_s2: float = 100.0,  # ten times gravity: the range of a platform's accelerometer is smaller
+    most_rad_s2: float = 1000.0,  # the same at 0.1 m from the axis
+) -> None:
     """By the declaration: stroke, pressures that the chambers can hold, the valve's volts."""
     if n != machine.n_legs:
         raise HexsimError(f"the machine sends {n} legs, and {machine.name} is declared with {machine.n_legs}")
     stroke, volts = machine.of_legs("cylinder", "stroke_m"), machine.of_legs("valve", "voltage_max_V")
     bottom, top = machine.of_legs("cylinder", "area_bottom_m2"), machine.of_legs("cylinder", "area_top_m2")
-    held = BEYOND_PRESSURE * (machine.supply.pressure_Pa + machine.supply.tank_pressure_Pa) * bottom / top
-    supply = np.full(1, BEYOND_PRESSURE * machine.supply.pressure_Pa)
+    held = pressure_ratio * (machine.supply.pressure_Pa + machine.supply.tank_pressure_Pa) * bottom / top
+    supply = np.full(1, pressure_ratio * machine.supply.pressure_Pa)
     ranges = {
-        "setpoint": (-BEYOND_STROKE * stroke, (1.0 + BEYOND_STROKE) * stroke),
-        "position": (-BEYOND_STROKE * stroke, (1.0 + BEYOND_STROKE) * stroke),
-        "pressure_bottom": (np.full(n, -BELOW_Pa), held), "pressure_top": (np.full(n, -BELOW_Pa), held),
-        "valve": (-BEYOND_VOLTS * volts, BEYOND_VOLTS * volts),
+        "setpoint": (-stroke_share * stroke, (1.0 + stroke_share) * stroke),
+        "position": (-stroke_share * stroke, (1.0 + stroke_share) * stroke),
+        "pressure_bottom": (np.full(n, -BELOW_Pa), held),
+        "pressure_top": (np.full(n, -BELOW_Pa), held),
+        "valve": (-volts_ratio * volts, volts_ratio * volts),
         "pressure_supply": (np.full(1, -BELOW_Pa), supply),
-        "acceleration": (np.full(3, -LARGEST_m_s2), np.full(3, LARGEST_m_s2)),
-        "angular_acceleration": (np.full(3, -LARGEST_rad_s2), np.full(3, LARGEST_rad_s2)),
-    }  # fmt: skip
+        "acceleration": (np.full(3, -most_m_s2), np.full(3, most_m_s2)),
+        "angular_acceleration": (np.full(3, -most_rad_s2), np.full(3, most_rad_s2)),
+    }
     for stem, (low, high) in ranges.items():
         for name, least, most in zip(table()[stem].columns(n), low, high, strict=False):
             values = found.get(name)
@@ -126,13 +141,22 @@ def _in_range(found: dict[str, Array], n: int, machine: Machine) -> None:
                 )
 
 
-def _alive(found: dict[str, Array], n: int) -> None:
+def _alive(
+    found: dict[str, Array],
+    n: int,
+    *,
+    must_move_m: float = 1e-3,  # a leg that is asked for so much changes every reading of its own
+) -> None:
     """A channel of a leg that was asked to move and did not change once is frozen; so is an accelerometer of which no axis
     has changed."""
     names = {stem: table()[stem].columns(n) for stem in STEMS}
-    moved = [np.nanmax(found[name]) - np.nanmin(found[name]) > MUST_MOVE_m for name in names["setpoint"]]
-    driven = [(name, f"leg {leg + 1}") for stem in ("position", "pressure_bottom", "valve")
-              for leg, name in enumerate(names[stem]) if moved[leg]]  # fmt: skip
+    moved = [np.nanmax(found[name]) - np.nanmin(found[name]) > must_move_m for name in names["setpoint"]]
+    driven = [
+        (name, f"leg {leg + 1}")
+        for stem in ("position", "pressure_bottom", "valve")
+        for leg, name in enumerate(names[stem])
+        if moved[leg]
+    ]
     for stem in ("acceleration", "angular_acceleration"):
         axes = [name for name in names[stem] if name in found]
         if any(moved) and all(_constant(found[name]) for name in axes):

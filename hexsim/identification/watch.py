@@ -3,7 +3,7 @@
 Each row of telemetry is held against what the declaration expects, with a margin of a factor of two:
 
     lag          y_m' = K_v sat(K_p (s - y_m)), the loop as declared, with half of K_v, with K_v and with twice; the piston
-                 stands among s and these three, or beside them by what `HOLD_SHARE` of the largest volts may hold
+                 stands among s and these three, or beside them by what `hold_share` of the largest volts may hold
     pace         while the piston is farther from its setpoint than that, it goes towards it with half of the declared speed at
                  least, K_v K_p (|s - y| - hold)
     encoder      a reading that repeats itself to the bit while its setpoint moves on by more than the valve's dead band
@@ -28,23 +28,20 @@ from hexsim.motion_computer.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 MARGIN = 2.0  # on the lag, the flow, the pressure and the acceleration that the declaration lets expect
-HOLD_SHARE = 0.04  # of the largest volts: null, hysteresis, threshold and leak of a servo valve and its leg, 1 % each
-THRESHOLD_SHARE = 0.01  # of the largest volts: a servo valve answers to less
 LATE_s = 0.3  # by which a machine may follow the host later
-NOTICED_s = 0.02  # so long must it be seen: a single reading is no finding
-DELAY_s = 0.03  # of valve and transducer, which the pace forgives
-EQUAL_s = 0.1  # so long must a reading repeat itself
-SILENT_s = 1.0  # without telemetry
-STOP_SHARE = 0.2  # of `LEG_MARGIN_m`
-RANGE_SHARE = 0.02  # of the stroke, beyond which a reading is no position
-AVERAGED_s = 0.02  # of the acceleration: its noise is no jolt
-STANDING_s = 0.2  # at the beginning, in which an accelerometer shows its zero, gravity included
 
 
 class Watch:
     """Looks at a machine's telemetry while it is driven; `look` and `silent` say what is wrong, or nothing."""
 
-    def __init__(self, machine: Machine, limiter: HostLimiter) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        limiter: HostLimiter,
+        *,
+        hold_share: float = 0.04,  # of the largest volts: null, hysteresis, threshold and leak of a servo valve and its leg, 1 % each
+        threshold_share: float = 0.01,  # of the largest volts: a servo valve answers to less
+    ) -> None:
         self.machine, self.limiter = machine, limiter
         of_legs, legs = machine.of_legs, machine.legs
         self.n = machine.n_legs
@@ -53,15 +50,18 @@ class Watch:
         self.velocity_gain = np.outer([1.0 / MARGIN, 1.0, MARGIN], velocity_gain(machine))
         overlap = of_legs("valve", "overlap_m") * self.volts / of_legs("valve", "spool_travel_max_m")
         self.dead_m = overlap / self.gain_V_per_m
-        self.hold_m = self.dead_m + HOLD_SHARE * self.volts / self.gain_V_per_m
-        self.threshold_m = THRESHOLD_SHARE * self.volts / self.gain_V_per_m
+        self.hold_m = self.dead_m + hold_share * self.volts / self.gain_V_per_m
+        self.threshold_m = threshold_share * self.volts / self.gain_V_per_m
         supply_Pa = machine.supply.pressure_Pa
         self.supply_low_Pa = supply_Pa / MARGIN**2
         rod = of_legs("cylinder", "area_top_m2") / of_legs("cylinder", "area_bottom_m2")
         on_supply = machine.cylinder.rod_side == "supply"
         self.carry_Pa = rod * supply_Pa / MARGIN if on_supply else np.full(self.n, -np.inf)
-        friction = sum(max(leg.friction.coulomb_extend_N, leg.friction.coulomb_retract_N)
-                       + max(leg.friction.static_extend_N, leg.friction.static_retract_N) for leg in legs)  # fmt: skip
+        friction = sum(
+            max(leg.friction.coulomb_extend_N, leg.friction.coulomb_retract_N)
+            + max(leg.friction.static_extend_N, leg.friction.static_retract_N)
+            for leg in legs
+        )
         jolt = 2.0 * friction / machine.load.carried_mass_kg
         self.jolt_m_s2 = MARGIN * (machine.host_limits.acceleration_m_s2 + jolt)
         self._sent: deque[Array] = deque(maxlen=round(LATE_s / PERIOD_s))  # legs' setpoints (n,) from neutral
@@ -80,10 +80,15 @@ class Watch:
         """A row (6,) of setpoints that has left the host."""
         self._sent.append(self.limiter.coordinates(row[None])["leg"][0])
 
-    def silent(self, came: bool | int) -> str:
+    def silent(
+        self,
+        came: bool | int,
+        *,
+        silent_s: float = 1.0,  # without telemetry
+    ) -> str:
         """After each packet of the host: whether telemetry came, or no reply either, which the link judges."""
         self._waited_s = 0.0 if came else self._waited_s + PERIOD_s
-        return f"no telemetry has come for {SILENT_s:g} s" if self._waited_s > SILENT_s else ""
+        return f"no telemetry has come for {silent_s:g} s" if self._waited_s > silent_s else ""
 
     def look(self, packet: Telemetry) -> str:
         """What is wrong, in words that name leg and reading; nothing where all is as it must be."""
@@ -98,7 +103,15 @@ class Watch:
                 return found
         return ""
 
-    def _row(self, row: Array, step_s: float) -> str:
+    def _row(
+        self,
+        row: Array,
+        step_s: float,
+        *,
+        stop_share: float = 0.2,  # of `LEG_MARGIN_m`
+        range_share: float = 0.02,  # of the stroke, beyond which a reading is no position
+        noticed_s: float = 0.02,  # so long must it be seen: a single reading is no finding
+    ) -> str:
         n = self.n
         setpoint, position, bottom = row[:n], row[n : 2 * n], row[2 * n : 3 * n]
         supply_Pa, acceleration = row[5 * n], row[5 * n + 1 : 5 * n + 4]
@@ -108,13 +121,13 @@ class Watch:
         if not lost.any():
             self._models = self._followed(self._models, setpoint, step_s)
         low, high = np.minimum(setpoint, self._models.min(axis=0)), np.maximum(setpoint, self._models.max(axis=0))
-        stop_m = STOP_SHARE * LEG_MARGIN_m
+        stop_m = stop_share * LEG_MARGIN_m
         neutral = self.limiter.mechanics.neutral_positions
         sent = np.array(self._sent) if self._sent else np.zeros((1, n))
         wanted = setpoint - neutral
         judged = {
             "lost": lost,
-            "range": (position < -RANGE_SHARE * self.stroke) | (position > (1.0 + RANGE_SHARE) * self.stroke),
+            "range": (position < -range_share * self.stroke) | (position > (1.0 + range_share) * self.stroke),
             "stop": (position < stop_m) | (position > self.stroke - stop_m),
             "setpoint": (wanted < sent.min(axis=0) - self.hold_m) | (wanted > sent.max(axis=0) + self.hold_m),
             "lag": (position < low - self.hold_m) | (position > high + self.hold_m),
@@ -125,11 +138,18 @@ class Watch:
         }
         for name, bad in judged.items():
             held = self._bad_s[name] = np.where(bad, self._bad_s.get(name, 0.0) + step_s, 0.0)
-            if (held > NOTICED_s).any():
-                return self._words(name, int(np.argmax(held > NOTICED_s)), row, low, high)
+            if (held > noticed_s).any():
+                return self._words(name, int(np.argmax(held > noticed_s)), row, low, high)
         return "" if lost.any() else self._frozen(setpoint, position, step_s)
 
-    def _pace(self, setpoint: Array, position: Array, step_s: float) -> Array:
+    def _pace(
+        self,
+        setpoint: Array,
+        position: Array,
+        step_s: float,
+        *,
+        delay_s: float = 0.03,  # of valve and transducer, which the pace forgives
+    ) -> Array:
         """Which pistons do not go towards their setpoints."""
         error = setpoint - position
         away = np.where(np.abs(error) > self.hold_m, np.sign(error), 0.0)
@@ -138,7 +158,7 @@ class Watch:
         self._from_m = np.where(begins, position, self._from_m)
         volts = np.minimum(self.gain_V_per_m * (np.abs(error) - self.hold_m), self.volts)
         self._due_m = np.where(begins | (away == 0.0), 0.0, self._due_m + step_s * self.velocity_gain[0] * volts)
-        late_m = DELAY_s * self.velocity_gain[1] * self.gain_V_per_m * self.hold_m  # what it goes before it turns
+        late_m = delay_s * self.velocity_gain[1] * self.gain_V_per_m * self.hold_m  # what it goes before it turns
         return (away != 0.0) & (self._due_m - away * (position - self._from_m) > late_m)
 
     def _followed(self, models: Array, setpoint: Array, step_s: float) -> Array:
@@ -149,13 +169,20 @@ class Watch:
             models = models + step_s / steps * self.velocity_gain * volts
         return models
 
-    def _frozen(self, setpoint: Array, position: Array, step_s: float) -> str:
+    def _frozen(
+        self,
+        setpoint: Array,
+        position: Array,
+        step_s: float,
+        *,
+        equal_s: float = 0.1,  # so long must a reading repeat itself
+    ) -> str:
         same = position == self._last
         self._equal_s = np.where(same, self._equal_s + step_s, 0.0)
         self._since = np.where(same, self._since, setpoint)
         self._last = position.copy()
         moved = np.abs(setpoint - self._since)
-        frozen = (self._equal_s > EQUAL_s) & (moved > MARGIN * self.dead_m + self.threshold_m)
+        frozen = (self._equal_s > equal_s) & (moved > MARGIN * self.dead_m + self.threshold_m)
         if not frozen.any():
             return ""
         leg = int(np.argmax(frozen))
@@ -164,14 +191,21 @@ class Watch:
             f"while its setpoint moved by {1e3 * moved[leg]:.1f} mm: the encoder is frozen, or the leg is stuck"
         )
 
-    def _jolt(self, acceleration: Array, step_s: float) -> bool:
+    def _jolt(
+        self,
+        acceleration: Array,
+        step_s: float,
+        *,
+        averaged_s: float = 0.02,  # of the acceleration: its noise is no jolt
+        standing_s: float = 0.2,  # at the beginning, in which an accelerometer shows its zero, gravity included
+    ) -> bool:
         """Whether the platform feels more than its motion and its friction can give."""
         felt = np.where(np.isfinite(acceleration), acceleration, 0.0)
         self._rows += 1
-        if self._rows * step_s <= STANDING_s:
+        if self._rows * step_s <= standing_s:
             self._zero += (felt - self._zero) / self._rows
             return False
-        self._felt += step_s / (AVERAGED_s + step_s) * (felt - self._zero - self._felt)
+        self._felt += step_s / (averaged_s + step_s) * (felt - self._zero - self._felt)
         return float(np.linalg.norm(self._felt)) > self.jolt_m_s2
 
     def _words(self, name: str, leg: int, row: Array, low: Array, high: Array) -> str:

@@ -24,9 +24,6 @@ from hexsim.inference.search import MOST_TRIED, OWN, Forms, Found, fitted_with, 
 from hexsim.inference.verdict import AT, Judgment, comes_to, judge, needed, with_open_form
 
 Array = np.ndarray
-LOOKS = 5  # linear looks at most
-MOST_SAMPLES = 20_000  # of a look: it ranks hundreds of formulas, of which the best are fitted to everything
-FULL = 2  # of them over every start of a formula's numbers: from the declared machine, and about the first formula that was fitted
 
 
 class Form(Protocol):
@@ -155,16 +152,23 @@ class Sought:
 
 
 def sought(
-    machine: Machine, ground: Ground, notes: Notebook, tell: Callable[[str], None], least: float
+    machine: Machine,
+    ground: Ground,
+    notes: Notebook,
+    tell: Callable[[str], None],
+    least: float,
+    *,
+    most_looks: int = 5,  # linear looks at most
+    most_full: int = 2,  # of them over every start of a formula's numbers: from the declared machine, about the first fit
 ) -> Sought | None:
     """None where no formula's score comes to `least`."""
     best: Judgment | None = None
     judged: dict[str, tuple[Any, Judgment]] = {}
     every = machine.forms(ground.chosen, ground.now)
-    for k in range(LOOKS):
+    for k in range(most_looks):
         tell(f"looking for a formula, {k + 1}")
         looks = looked(machine, ground, every)
-        every = every if k + 1 < FULL else [look.form for look in looks]
+        every = every if k + 1 < most_full else [look.form for look in looks]
         top = max((look.score for look in looks), default=0.0)
         if best is None and top < (least if ground.others else needed(1)):
             return None
@@ -224,10 +228,14 @@ def looked(machine: Machine, ground: Ground, every: Sequence[Any]) -> list[Look]
     return sorted(found.values(), key=lambda look: -look.score)
 
 
-def part_of(problem: Problem) -> list[int]:
+def part_of(
+    problem: Problem,
+    *,
+    most_samples: int = 20_000,  # of a look: it ranks hundreds of formulas, of which the best are fitted to everything
+) -> list[int]:
     """Stretches that a look takes: all, or every second, third ... of many samples."""
     samples = sum(len(one.weight) for one in problem.stretches)
-    return list(range(0, len(problem.stretches), math.ceil(samples / MOST_SAMPLES)))
+    return list(range(0, len(problem.stretches), math.ceil(samples / most_samples)))
 
 
 def gained(own: Array, beside: Array, y: Array) -> tuple[float, Array]:

@@ -13,9 +13,6 @@ from hexsim.inference.contract import Problem
 from hexsim.inference.likelihood import Coefficients, Fit, finite, fit
 
 Array = np.ndarray
-BLOCKS = 16  # of a stretch, whose losses are compared; neighbours may be correlated over three
-LAGS = 3
-LOST = 1e30  # residual of a run that leaves the finite numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,14 +25,19 @@ class HeldOut:
     rests: list[Array]
     fits: list[Fit]
 
-    def losses(self, channel: int) -> Array:
+    def losses(
+        self,
+        channel: int,
+        *,
+        n_blocks: int = 16,  # of a stretch, whose losses are compared; neighbours may be correlated over three
+    ) -> Array:
         """Mean square of every block of every stretch."""
         found = []
         for stretch, rest in zip(self.problem.stretches, self.rests, strict=True):
             seen = rest[stretch.weight[:, channel] > 0, channel]
             found += [
                 float(np.mean(part**2))
-                for part in np.array_split(seen, min(BLOCKS, max(len(seen) // 8, 1)))
+                for part in np.array_split(seen, min(n_blocks, max(len(seen) // 8, 1)))
                 if len(part)
             ]
         return np.array(found)
@@ -71,7 +73,12 @@ def held_out(whole: Fit, evaluations: int = 15) -> HeldOut:
     return predicted(problem, fits)
 
 
-def predicted(problem: Problem, fits: Sequence[Fit]) -> HeldOut:
+def predicted(
+    problem: Problem,
+    fits: Sequence[Fit],
+    *,
+    lost_residual: float = 1e30,  # residual of a run that leaves the finite numbers
+) -> HeldOut:
     """Each group by the fit that has not seen it. fits: in the order of the groups."""
     groups = list(dict.fromkeys(stretch.group for stretch in problem.stretches))
     rests: list[Array] = [np.zeros((0, 0))] * len(problem.stretches)
@@ -80,7 +87,7 @@ def predicted(problem: Problem, fits: Sequence[Fit]) -> HeldOut:
         inside = [k for k, stretch in enumerate(problem.stretches) if stretch.group == group]
         density.append(log_density(problem, inside, own))
         for k, rest in zip(inside, problem.residuals(own.theta, inside), strict=True):
-            rests[k] = np.clip(np.where(np.isfinite(rest), rest, LOST), -LOST, LOST)
+            rests[k] = np.clip(np.where(np.isfinite(rest), rest, lost_residual), -lost_residual, lost_residual)
     return HeldOut(problem=problem, groups=groups, density=np.array(density), rests=rests, fits=list(fits))
 
 
@@ -88,15 +95,22 @@ def log_density(problem: Problem, at: list[int], own: Fit) -> float:
     """Of stretches with the numbers and spectra of a fit to others."""
     data = Coefficients(problem, at)
     left = finite(data.residuals(own.theta))
-    return float(sum(
-        own.spectra[c].log_density(data.log_f[j], np.abs(left[j]) ** 2, data.weight[j]) for j, (_, c) in enumerate(data.places)
-    ))  # fmt: skip
+    return float(
+        sum(
+            own.spectra[c].log_density(data.log_f[j], np.abs(left[j]) ** 2, data.weight[j])
+            for j, (_, c) in enumerate(data.places)
+        )
+    )
 
 
-def mean_over_error(d: Array) -> float:
+def mean_over_error(
+    d: Array,
+    *,
+    lags: int = 3,  # blocks over which neighbours may be correlated
+) -> float:
     """t of a mean whose neighbours are correlated (Newey and West 1987)."""
     n, e = len(d), d - d.mean()
     variance = float(np.mean(e * e))
-    for lag in range(1, min(LAGS + 1, n)):
-        variance += 2.0 * (1.0 - lag / (LAGS + 1.0)) * float(np.sum(e[lag:] * e[:-lag])) / n
+    for lag in range(1, min(lags + 1, n)):
+        variance += 2.0 * (1.0 - lag / (lags + 1.0)) * float(np.sum(e[lag:] * e[:-lag])) / n
     return float(d.mean() / math.sqrt(max(variance, 1e-30 * float(np.mean(d * d)) + 1e-300) / n))

@@ -20,12 +20,7 @@ from hexsim.inference.contract import Number, Problem
 from hexsim.inference.spectrum import Spectrum, spectrum_of, windows_of
 
 Array = np.ndarray
-ROUNDS = 6  # of numbers and spectrum in turn, at most
-SETTLED = 0.2  # nats: an end of the rounds
 FAR = 1e9  # coefficient, in standard deviations, where the model cannot be run
-BANDS = 4  # of equal information, over which a number must be the same
-NOTHING = 1e-8  # of a number's information, left beside the others: none
-CLEAR = 3.0  # standard deviations of chi2 that a spread must have: moments of four values scatter
 WHITE = np.array([-60.0, 60.0])  # log Hz
 
 
@@ -141,10 +136,16 @@ def prior_of(numbers: Sequence[Number]) -> tuple[Array, Array]:
 
 
 def fit(
-    problem: Problem, at: Sequence[int] | None = None, begin: Array | None = None, spectra: Sequence[Spectrum] | None = None,
-    evaluations: int = 40, with_spread: bool = True, white: bool = True, keep_local: bool = False,
+    problem: Problem,
+    at: Sequence[int] | None = None,
+    begin: Array | None = None,
+    spectra: Sequence[Spectrum] | None = None,
+    evaluations: int = 40,
+    with_spread: bool = True,
+    white: bool = True,
+    keep_local: bool = False,
     by_error: bool = False,
-) -> Fit:  # fmt: skip
+) -> Fit:
     """The numbers of a problem from these stretches (default all). begin: theta. spectra: a second start; white: is the first one used?
     keep_local: local numbers stay as they begin. by_error: least squares with a flat spectrum, for what a long simulation is to leave
     least of; errors are those of such a fit beside the residual's own spectrum.
@@ -196,18 +197,25 @@ def check_finite(data: Coefficients, theta: Array) -> None:
 
 
 def iterated(
-    data: Coefficients, theta: Array, spectra: list[Spectrum] | None, evaluations: int, free: Array
+    data: Coefficients,
+    theta: Array,
+    spectra: list[Spectrum] | None,
+    evaluations: int,
+    free: Array,
+    *,
+    most_rounds: int = 6,  # of numbers and spectrum in turn, at most
+    settled_nats: float = 0.2,  # nats: an end of the rounds
 ) -> tuple[Array, list[Spectrum], float]:
     """Numbers and spectrum in turn: (theta, spectra, cost)."""
     numbers, cost = data.problem.numbers, np.inf
     if spectra is None:
         spectra = data.white(finite(data.residuals(theta)))
-    for _ in range(ROUNDS):
+    for _ in range(most_rounds):
         new = least(data, theta, spectra, evaluations, free)
         left = finite(data.residuals(new))
         estimated = data.spectra(left, len(numbers))
         now = cost_of(data, new, left, estimated)
-        if now > cost - 2.0 * SETTLED:
+        if now > cost - 2.0 * settled_nats:
             return (theta, spectra, cost) if cost < now else (new, estimated, now)
         theta, spectra, cost = new, estimated, now
     return theta, spectra, cost
@@ -250,9 +258,16 @@ def least(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], evaluat
 
     with np.errstate(divide="ignore", invalid="ignore"):  # scipy divides by the slope of a number that does nothing
         found = least_squares(
-            residuals, begin[free], jac=jacobian, bounds=(low[free], high[free]), x_scale=scale[free],  # pyright: ignore[reportArgumentType]
-            max_nfev=evaluations, xtol=1e-10, ftol=1e-8, gtol=1e-12,
-        )  # fmt: skip
+            residuals,
+            begin[free],
+            jac=jacobian,  # pyright: ignore[reportArgumentType]
+            bounds=(low[free], high[free]),
+            x_scale=scale[free],
+            max_nfev=evaluations,
+            xtol=1e-10,
+            ftol=1e-8,
+            gtol=1e-12,
+        )
     return whole(found.x)
 
 
@@ -292,12 +307,19 @@ def curvature(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], wit
     return covariance, spread
 
 
-def bands(x: Array, inner: Array, i: int, f: Array) -> Array:
+def bands(
+    x: Array,
+    inner: Array,
+    i: int,
+    f: Array,
+    *,
+    n_bands: int = 4,  # of equal information, over which a number must be the same
+) -> Array:
     """A label for every coefficient: bands of equal information about number i beside the others."""
     own = beside(x, inner, i) ** 2
     order = np.argsort(f, kind="stable")
     share = np.cumsum(own[order]) / max(float(own.sum()), 1e-300)
-    edges = f[order][np.minimum(np.searchsorted(share, np.arange(1, BANDS) / BANDS), len(f) - 1)]
+    edges = f[order][np.minimum(np.searchsorted(share, np.arange(1, n_bands) / n_bands), len(f) - 1)]
     return np.searchsorted(edges, f, side="left")
 
 
@@ -310,13 +332,22 @@ def beside(x: Array, inner: Array, i: int) -> Array:
     return x[:, i] - x[:, others] @ share
 
 
-def spread_of(x: Array, rest: Array, inner: Array, i: int, labels: Array) -> float:
+def spread_of(
+    x: Array,
+    rest: Array,
+    inner: Array,
+    i: int,
+    labels: Array,
+    *,
+    nothing_share: float = 1e-8,  # of a number's information, left beside the others: none
+    clear_spreads: float = 3.0,  # standard deviations of chi2 that a spread must have: moments of four values scatter
+) -> float:
     """Standard deviation of a number between labels beyond its errors there, by moments (DerSimonian and Laird 1986).
 
     To first order about the fit; the other numbers stay as they are.
     """
     own = beside(x, inner, i)
-    if float(own @ own) < NOTHING * inner[i, i]:
+    if float(own @ own) < nothing_share * inner[i, i]:
         return 0.0  # it trades with others altogether
     information = np.bincount(labels, own * own)
     kept = information > 1e-3 * information.sum()
@@ -327,6 +358,6 @@ def spread_of(x: Array, rest: Array, inner: Array, i: int, labels: Array) -> flo
     mean = float(np.average(step, weights=information))
     freedom = len(step) - 1
     excess = float(np.sum(information * (step - mean) ** 2)) - freedom
-    if excess < CLEAR * np.sqrt(2.0 * freedom):
+    if excess < clear_spreads * np.sqrt(2.0 * freedom):
         return 0.0
     return float(np.sqrt(excess / (information.sum() - np.sum(information**2) / information.sum())))

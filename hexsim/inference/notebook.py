@@ -103,10 +103,12 @@ def made(own: dict[str, Any], problem: Problem) -> Fit:
 def written(own: dict[str, Any]) -> dict[str, Any]:
     """As strict JSON."""
     return {
-        "theta": listed(own["theta"]), "covariance": listed(own["covariance"]), "spread": listed(own["spread"]),
+        "theta": listed(own["theta"]),
+        "covariance": listed(own["covariance"]),
+        "spread": listed(own["spread"]),
         "cost": listed(np.array(own["cost"])),
         "spectra": [{name: listed(getattr(one, name)) for name in SPECTRUM} for one in own["spectra"]],
-    }  # fmt: skip
+    }
 
 
 def read(data: Any) -> dict[str, Any]:
@@ -117,8 +119,13 @@ def read(data: Any) -> dict[str, Any]:
     if any(len(one.log_f) != len(one.log_s) or len(one.edges) + 1 != len(one.counts) for one in spectra):
         raise ValueError("a spectrum of uneven length")
     covariance, spread = array(data["covariance"], 2).reshape(n, n), array(data["spread"], 1).reshape(n)
-    return {"theta": theta, "covariance": covariance, "spread": spread, "spectra": spectra,
-            "cost": float(array([data["cost"]], 1)[0])}  # fmt: skip
+    return {
+        "theta": theta,
+        "covariance": covariance,
+        "spread": spread,
+        "spectra": spectra,
+        "cost": float(array([data["cost"]], 1)[0]),
+    }
 
 
 def listed(values: Array) -> Any:

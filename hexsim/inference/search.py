@@ -17,12 +17,8 @@ from hexsim.inference.notebook import Notebook
 from hexsim.inference.verdict import Judgment, Remainder, judge, needed, with_open_form, with_ties
 
 Array = np.ndarray
-MOST_EFFECTS = 6  # named, one after the other
-EVALUATIONS = 20  # of a candidate's fit with one spectrum: it begins near its end, or has none
 OWN = 1e-3  # of a column's size beside the others: below it there is nothing of its own
-LEAST = 1.0  # nats that a linear look must promise
-TRIED = 4  # candidates of a round that are fitted in full, and all near the best one, at most MOST_TRIED
-MOST_TRIED = 9
+MOST_TRIED = 9  # candidates that are fitted in a round at most
 
 
 class Candidate(Protocol):
@@ -78,9 +74,12 @@ class Found:
 
 
 def search(
-    machine: Machine, tell: Callable[[str, float], None] = lambda what, share: None, most: int = MOST_EFFECTS,
-    notes: Notebook | None = None, keep: Callable[[Found], None] = lambda found: None,
-) -> Found:  # fmt: skip
+    machine: Machine,
+    tell: Callable[[str, float], None] = lambda what, share: None,
+    most: int = 6,  # effects that are named, one after the other
+    notes: Notebook | None = None,
+    keep: Callable[[Found], None] = lambda found: None,
+) -> Found:
     """What the machine lacks. Raises HexsimError where it cannot be run, or its motion cannot be parted.
 
     notes: fits of a search of the same machine that was broken off. keep: called with what is known after each round.
@@ -96,10 +95,15 @@ def search(
 
     def known(judged: list[Judgment]) -> Found:
         return Found(
-            base=base, base_held=base_held, steps=[step for step in steps if step.title not in doubted],
-            refused=[*doubted.values(), *judged], final=now, final_held=held, in_model=[step.candidate for step in steps],
+            base=base,
+            base_held=base_held,
+            steps=[step for step in steps if step.title not in doubted],
+            refused=[*doubted.values(), *judged],
+            final=now,
+            final_held=held,
+            in_model=[step.candidate for step in steps],
             fits=list(fits),
-        )  # fmt: skip
+        )
 
     keep(known([]))
     for k in range(most):
@@ -129,18 +133,27 @@ def search(
 
 
 def one_round(
-    machine: Machine, chosen: Sequence[Any], now: Fit, held: HeldOut, tell: Callable[[str], None], notes: Notebook,
+    machine: Machine,
+    chosen: Sequence[Any],
+    now: Fit,
+    held: HeldOut,
+    tell: Callable[[str], None],
+    notes: Notebook,
     compared: int,
-) -> tuple[list[Judgment], int]:  # fmt: skip
+    *,
+    least_nats: float = 1.0,  # that a linear look must promise
+    n_tried: int = 4,  # candidates of a round that are fitted in full, and all near the best one, at most MOST_TRIED
+) -> tuple[list[Judgment], int]:
     """Candidates that were fitted in full, the best first, and how many all rounds have compared. compared: the earlier ones."""
     ranked = screened(machine, chosen, now)
     compared += len(ranked)
     tell(f"{len(ranked)} candidates")
     near = ranked[0][0] - needed(compared) if ranked else 0.0
     tried = [
-        one for k, (nats, one) in enumerate(ranked)
-        if one.has_memory or (k < MOST_TRIED and nats > LEAST and (k < TRIED or nats > near))
-    ]  # fmt: skip
+        one
+        for k, (nats, one) in enumerate(ranked)
+        if one.has_memory or (k < MOST_TRIED and nats > least_nats and (k < n_tried or nats > near))
+    ]
     judged = []
     for candidate in tried:
         tell(f"trying {candidate.title}")
@@ -206,11 +219,21 @@ def taken(base: Array, own: Array, y: Array) -> dict[int, float]:
     return {m: float(nats[m - 1]) for k in range(len(nats)) if (m := min(2**k, len(nats)))}
 
 
-def fitted_with(problem: Problem, now: Fit, begin: dict[str, float]) -> Fit:
+def fitted_with(
+    problem: Problem,
+    now: Fit,
+    begin: dict[str, float],
+    *,
+    most_evaluations: int = 20,  # of a candidate's fit with one spectrum: it begins near its end, or has none
+) -> Fit:
     """From the numbers there are."""
     known = dict(zip(now.names, (float(value) for value in now.theta), strict=True)) | begin
-    return fit(problem, begin=np.array([known.get(number.name, number.start) for number in problem.numbers]), spectra=now.spectra,
-               evaluations=EVALUATIONS)  # fmt: skip
+    return fit(
+        problem,
+        begin=np.array([known.get(number.name, number.start) for number in problem.numbers]),
+        spectra=now.spectra,
+        evaluations=most_evaluations,
+    )
 
 
 def still(x: Array, y: Array, own: Sequence[int], at: Array) -> float:

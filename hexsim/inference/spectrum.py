@@ -15,10 +15,7 @@ from scipy.special import gammaln
 from hexsim.inference.contract import Stretch
 
 Array = np.ndarray
-BINS = 14  # of a spectrum: two to three an octave would follow noise, fewer than two a decade would miss a resonance
 LEAST = 10.0  # coefficients of a bin: S is known to 1/sqrt(10) there
-TAPER = 0.05  # of a stretch at either end: leakage of drift falls with f^-3
-FLOOR = 1e-12  # of the mean power, below which a spectrum is rounding
 MOST_FREEDOM = (
     16.0  # degrees of freedom of a bin's variance at most: another run's spectrum is known to sqrt(2/16) = 35 %
 )
@@ -38,14 +35,20 @@ class Window:
         return np.fft.rfft(values * taper, axis=0)[: len(self.log_f)]
 
 
-def window_of(stretch: Stretch, channel: int, tapered: bool) -> Window | None:
+def window_of(
+    stretch: Stretch,
+    channel: int,
+    tapered: bool,
+    *,
+    taper_share: float = 0.05,  # of a stretch at either end: leakage of drift falls with f^-3
+) -> Window | None:
     """None where too few samples count."""
     mask = stretch.weight[:, channel] > 0
     seen = np.flatnonzero(mask)
     if len(seen) < 2 * LEAST:
         return None
     edge = np.minimum(np.arange(len(mask)) - seen[0], seen[-1] - np.arange(len(mask))) + 0.5
-    ramp = np.clip(edge / max(TAPER * (seen[-1] - seen[0]), 1.0), 0.0, 1.0) if tapered else np.ones(len(mask))
+    ramp = np.clip(edge / max(taper_share * (seen[-1] - seen[0]), 1.0), 0.0, 1.0) if tapered else np.ones(len(mask))
     taper = np.where(mask, np.sin(0.5 * np.pi * ramp) ** 2, 0.0)
     f = np.fft.rfftfreq(len(mask), stretch.dt)
     f = f[: max(int(np.searchsorted(f, stretch.top_Hz)), 4)]
@@ -79,25 +82,34 @@ class Spectrum:
         return float(np.sum(student) - np.sum(weight * np.log(s)))
 
 
-def spectrum_of(log_f: Array, power: Array, weight: Array, numbers: float) -> Spectrum:
+def spectrum_of(
+    log_f: Array,
+    power: Array,
+    weight: Array,
+    numbers: float,
+    *,
+    n_bins: int = 14,  # of a spectrum: two to three an octave would follow noise, fewer than two a decade would miss a resonance
+    floor_share: float = 1e-12,  # of the mean power, below which a spectrum is rounding
+) -> Spectrum:
     """From |R|^2 of all stretches. numbers: fitted ones, taken off the degrees of freedom."""
     order = np.argsort(log_f, kind="stable")
     x, p, w = log_f[order], power[order], weight[order]
     total = float(w.sum())
     p = p * total / max(total - 0.5 * numbers, 0.3 * total)
     cumulated, cuts = np.cumsum(w), [0]
-    for i in np.searchsorted(x, np.linspace(x[0], x[-1], BINS + 1)[1:-1]):
+    for i in np.searchsorted(x, np.linspace(x[0], x[-1], n_bins + 1)[1:-1]):
         if i and cumulated[i - 1] - (cumulated[cuts[-1] - 1] if cuts[-1] else 0.0) >= LEAST:
             cuts.append(int(i))
     if len(cuts) > 1 and total - cumulated[cuts[-1] - 1] < LEAST:
         cuts.pop()
     parts = [slice(a, b) for a, b in zip(cuts, [*cuts[1:], len(x)], strict=True)]
-    floor = FLOOR * float(np.average(p, weights=w)) + 1e-300
+    floor = floor_share * float(np.average(p, weights=w)) + 1e-300
     return Spectrum(
         log_f=np.array([np.average(x[c], weights=w[c]) for c in parts]),
         log_s=np.log(np.array([np.average(p[c], weights=w[c]) for c in parts]) + floor),
-        edges=np.array([0.5 * (x[i - 1] + x[i]) for i in cuts[1:]]), counts=np.array([w[c].sum() for c in parts]),
-    )  # fmt: skip
+        edges=np.array([0.5 * (x[i - 1] + x[i]) for i in cuts[1:]]),
+        counts=np.array([w[c].sum() for c in parts]),
+    )
 
 
 def windows_of(stretches: Sequence[Stretch], channels: int, tapered: bool = True) -> list[list[Window | None]]:

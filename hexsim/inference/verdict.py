@@ -67,9 +67,17 @@ def judge(
     verdict, why = said(gains, errors, unsure, needed(tried))
     numbers = len(of_machine(fitted)) - len(of_machine(before.fits[0]))
     return Judgment(
-        candidate=candidate, title=title, count=numbers, compared=tried, fitted=fitted, after=after, gains=gains,
-        errors=errors, verdict=verdict, why=why,
-    )  # fmt: skip
+        candidate=candidate,
+        title=title,
+        count=numbers,
+        compared=tried,
+        fitted=fitted,
+        after=after,
+        gains=gains,
+        errors=errors,
+        verdict=verdict,
+        why=why,
+    )
 
 
 def of_machine(fitted: Fit) -> list[str]:
@@ -129,17 +137,19 @@ def replaced(fitted: Fit, before: Sequence[Fit]) -> str:
 def at_end(fitted: Fit) -> set[str]:
     """Numbers at an end of their interval: nearer than END of a typical change."""
     return {
-        number.name for number, x in zip(fitted.problem.numbers, fitted.theta, strict=True)
+        number.name
+        for number, x in zip(fitted.problem.numbers, fitted.theta, strict=True)
         if min(x - number.low, number.high - x) < END * number.scale
-    }  # fmt: skip
+    }
 
 
 def with_ties(one: Judgment, judged: Sequence[Judgment]) -> Judgment:
     """Others that are not less likely with odds of 1 to 1 / CHANCE, even where something else speaks against their names."""
     near = [
-        other for other in judged
+        other
+        for other in judged
         if other is not one and one.named and one.nats - other.nats < needed(1) and not comes_to(other, one)
-    ]  # fmt: skip
+    ]
     tied = [f"{other.title}, odds 1 to {math.exp(max(one.nats - other.nats, 0.0)):.1f}" for other in near]
     return replace(one, tied=tied, rivals=[other.candidate for other in near])
 

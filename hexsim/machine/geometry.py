@@ -15,8 +15,6 @@ from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, legs_at_platform, lumped_legs
 from hexsim.mechanics.rigid_body import RigidBody, Suspension, joined, mass_matrix, rigid_body
 
-LEAST_LEG_FRACTION = 1e-3  # a machine without leg mass gets full legs of this share of the platform's mass each
-
 
 def machine_kinematics(machine: Machine) -> HexapodKinematics:
     """Joints, lengths and limits of a hexapod as declared. Raises HexsimError for a bench."""
@@ -31,8 +29,14 @@ def leg_bodies(resolved: Resolved, neutral_length: float) -> list[LegBodies]:
     return [_leg_bodies(resolved.load, leg.cylinder, neutral_length) for leg in resolved.machine.legs]
 
 
-def _leg_bodies(load: Load, cylinder: Cylinder, neutral_length: float) -> LegBodies:
-    mass = load.leg_mass_kg or LEAST_LEG_FRACTION * (load.platform_mass_kg or 0.0)
+def _leg_bodies(
+    load: Load,
+    cylinder: Cylinder,
+    neutral_length: float,
+    *,
+    least_share: float = 1e-3,  # a machine without leg mass gets full legs of this share of the platform's mass each
+) -> LegBodies:
+    mass = load.leg_mass_kg or least_share * (load.platform_mass_kg or 0.0)
     rod_mass = load.rod_mass_fraction * mass
     cylinder_mass = mass - rod_mass
     cylinder_length, rod_length = 0.6 * neutral_length, 0.55 * neutral_length

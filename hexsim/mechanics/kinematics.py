@@ -19,8 +19,7 @@ from hexsim.mechanics.mechanics import DOF_NAMES, Mechanics
 NEWTON_MAX_ITERATIONS = 50  # quadratic convergence needs 4 to 6; more only where steps are shortened
 NEWTON_TOLERANCE_M = 1e-13  # residual length at which the iteration stops: 1e-13 m, about 450 ulp of a 1 m leg
 
-NEUTRAL_TOLERANCE_M = 1e-14
-N_LEGS = 6
+N_LEGS = 6  # of a hexapod
 Array = NDArray[np.float64]
 
 
@@ -43,7 +42,13 @@ def joints_on_circles(
     return base, platform
 
 
-def neutral_height(base: Array, platform: Array, mean_length_m: float) -> float:
+def neutral_height(
+    base: Array,
+    platform: Array,
+    mean_length_m: float,
+    *,
+    tolerance_m: float = 1e-14,  # of a leg of a metre: its rounding
+) -> float:
     """h at which the legs from base to platform joints (6, 3) are `mean_length_m` long in the mean: from leg 1, then Newton."""
     level = (platform - base) * [1.0, 1.0, 0.0]
     across = [float(np.linalg.norm(arm)) for arm in level]
@@ -58,7 +63,7 @@ def neutral_height(base: Array, platform: Array, mean_length_m: float) -> float:
     for _ in range(NEWTON_MAX_ITERATIONS):
         lengths = np.hypot(across, height + rise)
         missing = mean_length_m - float(lengths.mean())
-        if abs(missing) < NEUTRAL_TOLERANCE_M:
+        if abs(missing) < tolerance_m:
             break
         height += missing / float(np.mean((height + rise) / lengths))
     return height

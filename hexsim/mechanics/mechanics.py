@@ -32,7 +32,7 @@ from hexsim.mechanics.checks import as_rows, check_reach
 from hexsim.mechanics.leg_geometry import all_of_rows, lengths_of_rows, rotations_of_rows
 
 DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
-ROUNDING_m = 1e-12
+ROUNDING_m = 1e-12  # of lengths of metres: below it a difference is none
 
 Array = NDArray[np.float64]
 

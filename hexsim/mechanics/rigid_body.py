@@ -126,9 +126,14 @@ def add_ride_wrenches(wrench, suspension, acceleration, omega, gravity, travel, 
     for i in range(wrench.shape[0]):
         motion = acceleration[i]
         force, moment, _ = ride_wrench(
-            suspension, triple(motion, 0), triple(motion, 3), triple(omega[i], 0), triple(gravity[i], 0), travel[i],
+            suspension,
+            triple(motion, 0),
+            triple(motion, 3),
+            triple(omega[i], 0),
+            triple(gravity[i], 0),
+            travel[i],
             rate[i],
-        )  # fmt: skip
+        )
         for k in range(3):
             wrench[i, k] += force[k]
             wrench[i, 3 + k] += moment[k]

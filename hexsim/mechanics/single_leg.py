@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from hexsim.mechanics.mechanics import Mechanics
 
 Array = NDArray[np.float64]
-DRAWN_LENGTH = 1.5  # of a leg that is retracted, over its stroke: no length is declared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,9 +23,14 @@ class SingleLegKinematics(Mechanics):
     moving_body: ClassVar[str] = "load"
 
     @classmethod
-    def of_stroke(cls, stroke_m: float) -> SingleLegKinematics:
+    def of_stroke(
+        cls,
+        stroke_m: float,
+        *,
+        drawn_strokes: float = 1.5,  # of a leg that is retracted, over its stroke: no length is declared
+    ) -> SingleLegKinematics:
         """Neutral at half stroke."""
-        retracted = DRAWN_LENGTH * stroke_m
+        retracted = drawn_strokes * stroke_m
         return cls(
             base_joints=np.zeros((1, 3)),
             platform_joints=np.zeros((1, 3)),

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from hexsim.mechanics.mechanics import DOF_NAMES, Mechanics
 
 Array = NDArray[np.float64]
-SCAN_STEPS = 2000  # steps outward, before bisection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +58,16 @@ def excursions(kinematics: Mechanics) -> tuple[Excursion, ...]:
     return tuple(table)
 
 
-def _excursion(kinematics: Mechanics, index: int, span: float) -> tuple[float, str]:
+def _excursion(
+    kinematics: Mechanics,
+    index: int,
+    span: float,
+    *,
+    scan_steps: int = 2000,  # steps outward, before bisection
+) -> tuple[float, str]:
     direction = np.zeros(6)
     direction[index] = 1.0
-    steps = np.linspace(0.0, span, SCAN_STEPS + 1)
+    steps = np.linspace(0.0, span, scan_steps + 1)
     reachable, _ = _obstacles(kinematics, steps[:, None] * direction)
     if reachable.all():
         return float(span), "none"

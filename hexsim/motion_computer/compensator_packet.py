@@ -38,7 +38,6 @@ MAGIC = b"HXP2"
 PIECE = 1200  # bytes of text; with the header and UDP's within the 1280 bytes that any IPv6 network takes whole
 LARGEST = HEADER.size + PIECE
 LONGEST = 32768  # bytes of a text: 1200 numbers of 24 digits and signs, comma and space, and some names
-MOST_LEGS = 6
 
 
 def is_asking(data: bytes) -> bool:
@@ -86,7 +85,11 @@ def _pieces_of(size: int) -> int:
     return -(-size // PIECE)
 
 
-def unpack_piece(data: bytes) -> Piece | str:
+def unpack_piece(
+    data: bytes,
+    *,
+    most_legs: int = 6,  # of a hexapod
+) -> Piece | str:
     """The piece that a packet is, or why it is none, as text. Never raises.
 
     Refused: wrong magic or version, size, leg, or a number that its text does not have.
@@ -96,7 +99,7 @@ def unpack_piece(data: bytes) -> Piece | str:
     if len(data) < HEADER.size or data[:4] != MAGIC:
         return f"no request for a compensator: {described(data)}"
     _, leg, n, number, count, size, check = HEADER.unpack_from(data)
-    if not 1 <= n <= MOST_LEGS or leg > n:
+    if not 1 <= n <= most_legs or leg > n:
         return f"HXP2 for leg {leg} of {n}"
     if not 0 < size <= LONGEST or count != _pieces_of(size) or number >= count:
         return f"HXP2, piece {number} of {count}, of {size} bytes; at most {LONGEST}, {PIECE} a piece"

@@ -30,7 +30,6 @@ from hexsim.motion_computer.states import MOVING, State, StateMachine
 Array = NDArray[np.float64]
 
 COMMANDS = ("start", "run_manual", "run_normal", "return_neutral", "settle", "reset")
-KEPT = 10_000  # events and findings, the last ones: a machine may run for months
 PUMP_START_s = 0.5  # after the start command; then the starter's contact must show the motor running
 
 
@@ -51,6 +50,7 @@ class MotionComputer:
         state: State = State.NEUTRAL,
         guidance: Guidance | None = None,
         tolerances: Tolerances | None = None,
+        n_kept: int = 10_000,  # events and findings, the last ones: a machine may run for months
     ) -> None:
         self.machine, self.on_message = machine, on_message
         self.guidance = guidance = guidance or Guidance()
@@ -62,8 +62,8 @@ class MotionComputer:
         self.load = LoadMonitor(machine, tolerances)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         self.errors = Error.NONE
-        self.events: deque[tuple[float, str, str, str]] = deque(maxlen=KEPT)  # (time_s, from, event, to)
-        self.findings: deque[tuple[float, Finding]] = deque(maxlen=KEPT)
+        self.events: deque[tuple[float, str, str, str]] = deque(maxlen=n_kept)  # (time_s, from, event, to)
+        self.findings: deque[tuple[float, Finding]] = deque(maxlen=n_kept)
         self.pump_on = state != State.OFF
         self.pump_running = True  # contact of the motor's starter
         self.mains = True
@@ -159,9 +159,14 @@ class MotionComputer:
 
     # one tick
     def tick(
-        self, time_s: float, external: Array | None, positions: Array, pressures: Array | None, supply_Pa: float,
+        self,
+        time_s: float,
+        external: Array | None,
+        positions: Array,
+        pressures: Array | None,
+        supply_Pa: float,
         top_pressures: Array | None = None,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """Volts (n_legs,). external: (preview, n_legs) piston setpoints of manual or normal mode, this tick's first.
 
         None in normal mode: the host is silent; the last motion is braked, and the timeout runs.

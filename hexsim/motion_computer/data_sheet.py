@@ -16,11 +16,15 @@ from hexsim.motion_computer.leg_load import ExpectedLoad
 READING = (
     4.0  # standard deviations of a reading: what the loop itself makes volts of on a valve without overlap and friction
 )
-LEAST_m = 1e-7  # [m] of an ideal transducer
 
 
 def compensator_context(
-    machine: Machine, period_s: float | None, leg: int = 1, load: ExpectedLoad | None = None
+    machine: Machine,
+    period_s: float | None,
+    leg: int = 1,
+    load: ExpectedLoad | None = None,
+    *,
+    least_m: float = 1e-7,  # [m] of an ideal transducer
 ) -> Context:
     """Of a leg, from 1; load: of a platform.
 
@@ -51,7 +55,7 @@ def compensator_context(
         spool_damping=damping,
         spool_frequency_Hz=omega_1_s / (2.0 * math.pi),
         stribeck_velocity_m_s=own.friction.stribeck_velocity_m_s,
-        edge_V=max(most_V, own.controller.gain_V_per_m * (READING * noise_m + LEAST_m)),
+        edge_V=max(most_V, own.controller.gain_V_per_m * (READING * noise_m + least_m)),
         velocity_gain_m_s_V=gain,
         velocity_gain_V_s_per_m=own.controller.velocity_gain_V_s_per_m,
         velocity_filter_Hz=own.controller.velocity_filter_Hz,
@@ -80,7 +84,12 @@ def _valve_numbers(row: NDArray[np.float64], four_way: bool) -> tuple[float, flo
     roundings = row[[P.ROUNDING_SUPPLY, P.ROUNDING_TANK, P.ROUNDING_SUPPLY_TOP, P.ROUNDING_TANK_TOP]].max()
     leaks = row[[P.LEAK_SUPPLY_CHAMBER, P.LEAK_CHAMBER_TANK, P.LEAK_PISTON, P.LEAK_TOP_TANK]].sum()
     return gain, edge_V(
-        float(overlaps / row[P.SPOOL_GAIN]), float(roundings / row[P.SPOOL_GAIN]), row[P.HYSTERESIS], row[P.NULL_OFFSET],
-        leaks * row[P.SUPPLY_PRESSURE] / area_m2, friction_N / area_m2,
-        (0.5 * row[P.STROKE] + row[P.PIPELINE_VOLUME] / area_m2) / row[P.BULK_MODULUS], gain,
-    )  # fmt: skip
+        float(overlaps / row[P.SPOOL_GAIN]),
+        float(roundings / row[P.SPOOL_GAIN]),
+        row[P.HYSTERESIS],
+        row[P.NULL_OFFSET],
+        leaks * row[P.SUPPLY_PRESSURE] / area_m2,
+        friction_N / area_m2,
+        (0.5 * row[P.STROKE] + row[P.PIPELINE_VOLUME] / area_m2) / row[P.BULK_MODULUS],
+        gain,
+    )

@@ -76,8 +76,13 @@ class GuidedSetpoints:
         now = (self.setpoint - self._before) / self.tick_s
         change = (now - (self._before - self._older) / self.tick_s) / self.tick_s
         self.path = stop_and_move(
-            time_s - self.tick_s, self.setpoint, now, change, target,
-            velocity_max=velocity, acceleration_max=acceleration,
+            time_s - self.tick_s,
+            self.setpoint,
+            now,
+            change,
+            target,
+            velocity_max=velocity,
+            acceleration_max=acceleration,
             stop_acceleration_max=self.guidance.stop_acceleration_m_s2,
             bounds=(0.0, self.stroke_m),
-        )  # fmt: skip
+        )

@@ -20,25 +20,23 @@ from hexsim.motion_computer.host_prediction import AXES, KEPT, add_setpoint, new
 
 Array = NDArray[np.float64]
 HISTORY = KEPT  # setpoints
-LEAST_HORIZON_S = 0.03  # at which predictors are judged: over less, straight lines would do, which have no acceleration
-COAST_S, COAST_PERIODS = 0.03, 4.0  # and the longer of both where the future is predicted
-DRIFT = 1.0e-3  # how fast the clock offset may grow when packets come later and later
+COAST_S = 0.03  # and the longer of both where the future is predicted
 CLOCK_S = (
     0.5  # in which what is played follows the offset: a packet that comes earlier than all before moves nothing at once
 )
 SHORTEST_GAP_S = 1.0e-4  # between two setpoints
-SHORTEST_DELAY_S, LONGEST_DELAY_S = 0.004, 0.06
 NEW_SESSION_S = 1.0  # of silence; then the next packet begins a session
-CONSISTENT = 3  # so many packets in a row that continue each other outweigh all that came before
-EARLIEST_S = 0.1  # ahead of the host's clock as known; no network is faster than its fastest packet by more
-LATEST_S = 0.25  # behind it; whatever comes later is too late to be played
 FASTEST_Hz = 2000.0  # no host sends faster
-HALF = 2**31
 
 
-def _ahead(sequence: int, command: HostCommand) -> int:
+def _ahead(
+    sequence: int,
+    command: HostCommand,
+    *,
+    half: int = 2**31,  # of the sequence's range: what is ahead by more is behind
+) -> int:
     """By how much the sequence of a packet is ahead of another; it wraps."""
-    return (command.sequence - sequence + HALF) % 2**32 - HALF
+    return (command.sequence - sequence + half) % 2**32 - half
 
 
 def _follows(before: HostCommand, command: HostCommand) -> bool:
@@ -81,7 +79,15 @@ class HostBuffer:
         self._played = -np.inf
         self._prediction = new_prediction()
 
-    def add(self, command: HostCommand, now_s: float) -> bool:
+    def add(
+        self,
+        command: HostCommand,
+        now_s: float,
+        *,
+        drift: float = 1.0e-3,  # how fast the clock offset may grow when packets come later and later
+        earliest_s: float = 0.1,  # ahead of the host's clock as known; no network is faster than its fastest packet by more
+        latest_s: float = 0.25,  # behind it; whatever comes later is too late to be played
+    ) -> bool:
         """Take a command that arrived at machine time now_s; False when it is not used. Any input is allowed."""
         newest = self.newest
         if newest is not None and now_s - self.last_packet_s > NEW_SESSION_S:
@@ -102,7 +108,7 @@ class HostBuffer:
                 ahead == 0
                 or same
                 or missed
-                or not -LATEST_S < early < EARLIEST_S
+                or not -latest_s < early < earliest_s
                 or (ahead > 0) != (command.time_s > newest.time_s)
             ):
                 return self._resynchronise(command, now_s)
@@ -117,7 +123,7 @@ class HostBuffer:
                 gap = (command.time_s - newest.time_s) / ahead
                 self._period += 0.1 * (gap - self._period) if self._period else gap
             gap = max(now_s - self.last_packet_s, 0.0)
-            self._offset = min(self._offset + DRIFT * gap, now_s - command.time_s)
+            self._offset = min(self._offset + drift * gap, now_s - command.time_s)
             self._smooth += (1.0 - math.exp(-gap / CLOCK_S)) * (self._offset - self._smooth)
         is_newer = newest is None or command.time_s > newest.time_s
         if is_newer:
@@ -129,21 +135,32 @@ class HostBuffer:
         self.counts["accepted"] += 1
         return True
 
-    def _predict(self, fit: Callable[..., None]) -> None:
+    def _predict(
+        self,
+        fit: Callable[..., None],
+        *,
+        least_horizon_s: float = 0.03,  # at which predictors are judged: over less, straight lines would do, which have no acceleration
+    ) -> None:
         """Fit the predictors to the setpoints there are."""
         if self.latency_s is None:
             return
         times, motions = np.array([one[0] for one in self._samples]), np.array([one[2] for one in self._samples])
         period = self._period or COAST_S
-        horizon = (max(self.ahead_s + 0.5 * period - self.latency_s, LEAST_HORIZON_S),) if fit is add_setpoint else ()
+        horizon = (max(self.ahead_s + 0.5 * period - self.latency_s, least_horizon_s),) if fit is add_setpoint else ()
         fit(self._prediction, times, motions, period, *horizon)
 
-    def _resynchronise(self, command: HostCommand, now_s: float) -> bool:
-        """Refuse a packet that contradicts what is known of the host's clock and sequence, until CONSISTENT in a row
+    def _resynchronise(
+        self,
+        command: HostCommand,
+        now_s: float,
+        *,
+        n_consistent: int = 3,  # so many packets in a row that continue each other outweigh all that came before
+    ) -> bool:
+        """Refuse a packet that contradicts what is known of the host's clock and sequence, until n_consistent in a row
         continue each other: then the newest packet was the wrong one, and the session goes on with these."""
         follows = bool(self._inconsistent) and _follows(self._inconsistent[-1], command)
         self._inconsistent = [*self._inconsistent, command] if follows else [command]
-        if len(self._inconsistent) < CONSISTENT:
+        if len(self._inconsistent) < n_consistent:
             self.counts["inconsistent"] += 1
             return False
         first = self._inconsistent[0]
@@ -161,10 +178,10 @@ class HostBuffer:
 
     @property
     def delay_s(self) -> float:
-        """How long after the host's clock a setpoint is played: as declared, else two packet periods."""
+        """How long after the host's clock a setpoint is played: as declared, else two packet periods, 4 to 60 ms."""
         if self.latency_s is not None:
             return self.latency_s
-        return min(max(2.0 * self._period, SHORTEST_DELAY_S), LONGEST_DELAY_S)
+        return min(max(2.0 * self._period, 0.004), 0.06)
 
     def target(self, now_s: float) -> tuple[Array, Array, Array]:
         """Position, velocity, acceleration (6,) to be followed at machine time now_s; `ahead_s` later with a latency."""
@@ -182,10 +199,16 @@ class HostBuffer:
             return self._coast(time)
         return self._cubic(place, time)
 
-    def _predicted(self, time: float, latency_s: float) -> tuple[Array, Array, Array]:
+    def _predicted(
+        self,
+        time: float,
+        latency_s: float,
+        *,
+        coast_periods: float = 4.0,  # and the longer of both where the future is predicted
+    ) -> tuple[Array, Array, Array]:
         """The target at a time of the host's clock, by its setpoints so far; beyond the longest coasting at rest."""
         newest = self._samples[-1][0]
-        longest = max(self.ahead_s - latency_s, 0.0) + max(COAST_S, COAST_PERIODS * self._period)
+        longest = max(self.ahead_s - latency_s, 0.0) + max(COAST_S, coast_periods * self._period)
         position, velocity, acceleration = predicted(self._prediction, min(time, newest + longest))
         moving = float(time <= newest + longest)
         return position, moving * velocity, moving * acceleration

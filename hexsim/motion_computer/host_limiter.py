@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.mechanics import DOF_NAMES
+from hexsim.motion_computer.host_packet import LARGEST
 from hexsim.motion_computer.limits import Limits, leg_limits, pose_limits
 from hexsim.scenarios.scenario import scenario_from_dict
 
 Array = NDArray[np.float64]
 PERIOD_s = 0.01  # between the packets of a host that identifies
-LARGEST = 1e3  # a setpoint [m or rad] beyond it is a slip and no motion
 KINDS = ("excursion", "velocity", "acceleration", "jerk")
 ROUNDING = 1e-6  # of a limit, which differences of samples may be off
 MEMORY = len(KINDS) - 1  # samples that a jerk looks back
 WINDOWS = (1, 3, 5, 9, 17, 33, 65, 129, 257)  # samples by which a motion beyond its limits is smoothed
-WITHIN = 0.98  # of the limits, for what had to be changed
 STOPS_s = (0.1, 0.2, 0.4, 0.8)  # in which a motion that is broken off comes to rest
 RETURNS_s = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # in which it is then back at neutral
 
@@ -86,7 +85,12 @@ class HostLimiter:
         """Largest share of a limit that a motion takes which begins and ends at rest at neutral."""
         return self.worst(np.pad(rows, ((MEMORY, MEMORY), (0, 0))))[0]
 
-    def limit(self, rows: Array) -> Array:
+    def limit(
+        self,
+        rows: Array,
+        *,
+        within: float = 0.98,  # of the limits, for what had to be changed
+    ) -> Array:
         """The motion (m, 6) itself where it is within the limits, else one that is; it may be longer.
 
         Raises HexsimError for what is no motion of this machine: a value that is not finite, above 1000 m or rad, or in an
@@ -99,15 +103,18 @@ class HostLimiter:
         best: tuple[float, Array] = (-1.0, rows)
         for width in WINDOWS:
             smooth = _smoothed(rows, width)
-            kept = min(1.0, WITHIN / self.share(smooth)) * float(np.sqrt(np.sum(smooth**2))) / size
+            kept = min(1.0, within / self.share(smooth)) * float(np.sqrt(np.sum(smooth**2))) / size
             if kept > best[0] + ROUNDING:
                 best = kept, smooth
         rows = best[1]
-        while (share := self.share(rows)) > WITHIN:  # legs are not quite linear in the pose
-            rows = min(0.999, WITHIN / share) * rows
+        while (share := self.share(rows)) > within:  # legs are not quite linear in the pose
+            rows = min(0.999, within / share) * rows
         return rows
 
-    def _checked(self, rows: Array) -> Array:
+    def _checked(
+        self,
+        rows: Array,
+    ) -> Array:
         rows = np.asarray(rows, dtype=float)
         if rows.ndim != 2 or rows.shape[1] != len(DOF_NAMES):
             raise HexsimError(f"setpoints of shape {rows.shape}: give rows of x y z roll pitch yaw")

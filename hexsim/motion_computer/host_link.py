@@ -20,8 +20,6 @@ from hexsim.motion_computer.host_buffer import NEW_SESSION_S, HostBuffer
 from hexsim.motion_computer.host_packet import HostCommand, Reply, unpack_command
 from hexsim.packets import Refusals
 
-PACKETS_A_TICK = 64  # the rest waits in the socket, or is dropped by it
-READS = 16  # of the socket without its host's packets, before it counts as gone: 16 x 64 packets are more than a socket
 # holds (212 kB by default, 0.8 kB each), so that none of the host's still waits behind a pause of this process
 
 
@@ -60,7 +58,7 @@ class HostLink:
         self._socket.close()
 
     def receive(self, now_s: float) -> list[HostCommand]:
-        """Valid commands of the host that came since the last tick; at most `PACKETS_A_TICK` packets are read."""
+        """Valid commands of the host that came since the last tick; at most `packets_a_tick` packets are read."""
         taken, self.spoke = [], False
         for data, sender in self._packets():
             decoded = unpack_piece(data) if is_asking(data) else unpack_command(data)
@@ -87,10 +85,14 @@ class HostLink:
         elif found is not None:
             self.asked.append(found)
 
-    def _packets(self) -> Iterator[tuple[bytes, Any]]:
-        """What waits in the socket with who sent it, at most `PACKETS_A_TICK`."""
+    def _packets(
+        self,
+        *,
+        packets_a_tick: int = 64,  # the rest waits in the socket, or is dropped by it
+    ) -> Iterator[tuple[bytes, Any]]:
+        """What waits in the socket with who sent it, at most `packets_a_tick`."""
         self._reads += 1
-        for _ in range(PACKETS_A_TICK):
+        for _ in range(packets_a_tick):
             try:
                 packet = self._socket.recvfrom(self.largest)
             except BlockingIOError:
@@ -112,8 +114,9 @@ class HostLink:
 
     @property
     def _peer_is_gone(self) -> bool:
-        """By this computer's clock."""
-        return clock.monotonic() - self._heard_s > NEW_SESSION_S and self._reads - self._heard_read > READS
+        """By this computer's clock, and after 16 reads of the socket without its packets: 16 x 64 are more than a socket
+        holds."""
+        return clock.monotonic() - self._heard_s > NEW_SESSION_S and self._reads - self._heard_read > 16
 
     def _is_free(self, now_s: float) -> bool:
         """Whether another host may take over; the first packet, whoever sends it, then begins a session."""

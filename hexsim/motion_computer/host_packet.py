@@ -88,9 +88,13 @@ def unpack_command(data: bytes) -> HostCommand | str:
     if not all(abs(value) <= LARGEST for value in (*setpoints, *changes)):
         return f"a command with setpoints that are not finite or beyond {LARGEST:g} m or rad"
     return HostCommand(
-        sequence=sequence, time_s=time_s, setpoints=tuple(setpoints), command=NUMBERS[number], mode=mode,
+        sequence=sequence,
+        time_s=time_s,
+        setpoints=tuple(setpoints),
+        command=NUMBERS[number],
+        mode=mode,
         derivatives=(changes[:6], changes[6:]) if more else None,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,9 +117,17 @@ class Reply:
         bits = (self.arrived, self.refused, self.lockstep, self.telemetry, self.compensated)
         flags = sum(int(bit) << k for k, bit in enumerate(bits))
         return REPLY.pack(
-            REPLY_MAGIC, int(self.state), int(self.errors), self.sequence, flags,
-            self.time_s, self.behind_s, self.age_s, *self.pose, *self.reference,
-        )  # fmt: skip
+            REPLY_MAGIC,
+            int(self.state),
+            int(self.errors),
+            self.sequence,
+            flags,
+            self.time_s,
+            self.behind_s,
+            self.age_s,
+            *self.pose,
+            *self.reference,
+        )
 
 
 def unpack_reply(data: bytes) -> Reply | str:
@@ -134,7 +146,17 @@ def unpack_reply(data: bytes) -> Reply | str:
     if any(abs(value) > LARGEST for value in poses):  # not-a-number: a machine in fault may not know its pose
         return f"a reply with poses beyond {LARGEST:g} m or rad"
     return Reply(
-        state=State(state), errors=Error(errors), sequence=sequence, arrived=bool(flags & 1), refused=bool(flags & 2),
-        time_s=time_s, behind_s=behind_s, age_s=age_s, pose=tuple(poses[:6]), reference=tuple(poses[6:]),
-        lockstep=bool(flags & 4), telemetry=bool(flags & 8), compensated=bool(flags & 16),
-    )  # fmt: skip
+        state=State(state),
+        errors=Error(errors),
+        sequence=sequence,
+        arrived=bool(flags & 1),
+        refused=bool(flags & 2),
+        time_s=time_s,
+        behind_s=behind_s,
+        age_s=age_s,
+        pose=tuple(poses[:6]),
+        reference=tuple(poses[6:]),
+        lockstep=bool(flags & 4),
+        telemetry=bool(flags & 8),
+        compensated=bool(flags & 16),
+    )

@@ -28,17 +28,17 @@ from hexsim.motion_computer.host_process import FEWEST, POINTS, TREND, LENGTHS_s
 
 Array = NDArray[np.float64]
 KEPT = 64  # setpoints, and fits
-AXES = 6
+AXES = 6  # of a pose
 ORDERS_AND_COUNTS = np.array(  # by the number of setpoints, so that sums over them go on from one to the next
     [(0, 1), (1, 2), (2, 3), (2, 4), (3, 4), (3, 5), (1, 6), (3, 6), (4, 6), (2, 8), (4, 8), (3, 12), (5, 12), (2, 16),
      (4, 16), (3, 24), (5, 24), (4, 32), (5, 48)]
 )  # fmt: skip
-PLAIN, TERMS = len(ORDERS_AND_COUNTS), 6
+PLAIN, TERMS = len(ORDERS_AND_COUNTS), 6  # first that uses derivatives; coefficients of a polynomial of order 5
 ORDERS_AND_COUNTS = np.vstack([ORDERS_AND_COUNTS, [(2, 1), (3, 2), (4, 2), (3, 3), (4, 3), (5, 4)]])
 POLYNOMIALS = len(ORDERS_AND_COUNTS)  # those from PLAIN on use derivatives
 PREDICTORS = POLYNOMIALS + len(LENGTHS_s)  # those from POLYNOMIALS on are processes
 MEMORY_S = 0.2  # of the squared errors
-RATE_S = 0.04  # T_e
+RATE_S = 0.04  # T_e: over which an error counts as one of the rate
 FLOOR = 2e-7  # e_0 [m or rad]
 # e_0 [m, rad] of the predictors without derivatives, where packets carry them. Translations of a washout are smooth; its tilt is
 # behind a rate limit, and second derivatives change within a packet.
@@ -64,10 +64,18 @@ class Prediction(NamedTuple):
 def new_prediction() -> Prediction:
     """Nothing is known."""
     return Prediction(
-        np.zeros((KEPT, POLYNOMIALS, TERMS, AXES)), np.zeros((KEPT, POINTS)), np.zeros((KEPT, len(LENGTHS_s), POINTS, AXES)),
-        np.zeros((KEPT, len(LENGTHS_s), TREND, AXES)), np.full(KEPT, -np.inf), np.ones(KEPT), np.zeros((KEPT, 2)),
-        np.ones((PREDICTORS, AXES)), np.zeros((PREDICTORS, AXES)), np.zeros(PREDICTORS), np.array([0.0, -np.inf]),
-    )  # fmt: skip
+        np.zeros((KEPT, POLYNOMIALS, TERMS, AXES)),
+        np.zeros((KEPT, POINTS)),
+        np.zeros((KEPT, len(LENGTHS_s), POINTS, AXES)),
+        np.zeros((KEPT, len(LENGTHS_s), TREND, AXES)),
+        np.full(KEPT, -np.inf),
+        np.ones(KEPT),
+        np.zeros((KEPT, 2)),
+        np.ones((PREDICTORS, AXES)),
+        np.zeros((PREDICTORS, AXES)),
+        np.zeros(PREDICTORS),
+        np.array([0.0, -np.inf]),
+    )
 
 
 @compiled
@@ -122,8 +130,15 @@ def _fit(times, motions, period_s, out, first, usable):
         if wanted > usable:
             break
         while reached < wanted:
-            _add_equations((times[newest - reached] - times[newest]) / period_s, motions[newest - reached],
-                           motions[newest, 0], period_s, derivatives, sums, products)  # fmt: skip
+            _add_equations(
+                (times[newest - reached] - times[newest]) / period_s,
+                motions[newest - reached],
+                motions[newest, 0],
+                period_s,
+                derivatives,
+                sums,
+                products,
+            )
             reached += 1
         scale = period_s / max(times[newest] - times[newest + 1 - wanted], period_s)
         for a in range(n):
@@ -191,8 +206,16 @@ def _add(prediction, place, j, time, share, out):
     """Add to out (3, AXES): share (AXES,) of position, velocity and acceleration by predictor j of a fit."""
     if j >= POLYNOMIALS:
         n, k = min(int(prediction.counts[place, 0]), POINTS), j - POLYNOMIALS
-        add_process(prediction.points[place], n, prediction.weights[place, k], prediction.trends[place, k], LENGTHS_s[k],
-                    time, share, out)  # fmt: skip
+        add_process(
+            prediction.points[place],
+            n,
+            prediction.weights[place, k],
+            prediction.trends[place, k],
+            LENGTHS_s[k],
+            time,
+            share,
+            out,
+        )
         return
     period = prediction.periods[place]
     x = (time - prediction.times[place]) / period

@@ -18,7 +18,7 @@ LENGTHS_s = np.array([0.1, 0.15, 0.2, 0.3])  # l, of motions to 4, 2.7, 2 and 1.
 POINTS = 32  # newest setpoints that a process goes through at most
 FEWEST = 4  # and at least
 NUGGET = 1e-8  # variance of a setpoint's rounding, over the process's; the matrix is regular by it
-TREND = 2
+TREND = 2  # terms: place and speed
 
 
 @compiled

@@ -28,8 +28,6 @@ Array = NDArray[np.float64]
 NEUTRAL = np.zeros(6)
 SPAN = 2 * MEASURED_TICKS + 1
 SLOPE = np.linalg.pinv(np.vander(np.arange(SPAN) - MEASURED_TICKS, 3, increasing=True))[1]  # of a parabola, a tick
-DISPLACED_m = 1e-4  # of a leg, for the derivative of the holding forces
-POSE_SHARE = 0.125  # of the stroke: of a leg, for how they and the mobility change over the workspace
 
 
 def leg_compliance(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
@@ -45,13 +43,18 @@ def platform_jacobian(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
     return np.hstack([jacobian[:, :3] @ rotation, jacobian[:, 3:] @ rotation])
 
 
-def holding_stiffness(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
+def holding_stiffness(
+    resolved: Resolved,
+    pose: Array = NEUTRAL,
+    *,
+    displaced_m: float = 1e-4,  # of a leg, for the derivative of the holding forces
+) -> Array:
     """K (n_legs, n_legs) [N/m]: how the forces that hold the load change as each piston moves."""
     mechanics = resolved.machine.mechanics
-    at, steps = mechanics.piston_positions(pose), DISPLACED_m * np.eye(mechanics.n_legs)
+    at, steps = mechanics.piston_positions(pose), displaced_m * np.eye(mechanics.n_legs)
     ends = [holding_forces(resolved, mechanics.forward(at + step)) for step in (*steps, *-steps)]
     there, back = np.split(np.array(ends), 2)
-    return (there - back).T / (2 * DISPLACED_m)
+    return (there - back).T / (2 * displaced_m)
 
 
 def holding_forces(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
@@ -95,9 +98,15 @@ class PoseLoad:
     drift: Array
 
     @classmethod
-    def of(cls, resolved: Resolved, load: ExpectedLoad) -> PoseLoad:
+    def of(
+        cls,
+        resolved: Resolved,
+        load: ExpectedLoad,
+        *,
+        pose_share: float = 0.125,  # of the stroke: of a leg, for how they and the mobility change over the workspace
+    ) -> PoseLoad:
         mechanics, n = resolved.machine.mechanics, len(load.neutral)
-        reach = POSE_SHARE * float(np.min(mechanics.stroke_m))
+        reach = pose_share * float(np.min(mechanics.stroke_m))
         steps = reach * np.eye(n)
         there, back = (
             [mechanics.forward(load.neutral + sign * step) for step in steps] for sign in (1.0, -1.0)

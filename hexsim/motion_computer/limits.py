@@ -22,11 +22,7 @@ from hexsim.errors import HexsimError
 from hexsim.mechanics.workspace import excursions
 
 Array = NDArray[np.float64]
-SOFT_SHARE = 0.1  # of the excursion, in which it is compressed
-RETURN_rad_s = 12.0  # w, how fast the follower comes back to its target
-REACH_SHARE = 0.9  # of what a degree of freedom reaches alone
 LEG_MARGIN_m = 0.005  # kept free of the cushions
-LEG_SOFT_m = 0.010  # in which a leg's setpoint is compressed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,12 +44,18 @@ class Limits:
     def scaled(self, share: float) -> Limits:
         """The limits of a motion that is `share` times as large."""
         return Limits(
-            excursion=share * self.excursion, velocity=share * self.velocity,
-            acceleration=share * self.acceleration, jerk=share * self.jerk,
-        )  # fmt: skip
+            excursion=share * self.excursion,
+            velocity=share * self.velocity,
+            acceleration=share * self.acceleration,
+            jerk=share * self.jerk,
+        )
 
 
-def dof_limits(machine: Machine) -> Limits:
+def dof_limits(
+    machine: Machine,
+    *,
+    reach_share: float = 0.9,  # of what a degree of freedom reaches alone
+) -> Limits:
     """Of a platform: 90 % of what each degree of freedom reaches alone, and the derivatives of [host_limits]."""
     own = machine.host_limits
     reach = np.array([min(-one.minimum, one.maximum) for one in excursions(machine.mechanics)])
@@ -61,7 +63,7 @@ def dof_limits(machine: Machine) -> Limits:
     along = np.array([own.velocity_m_s, own.acceleration_m_s2, own.jerk_m_s3])
     velocity, acceleration, jerk = np.repeat(np.stack([along, turning], axis=1), 3, axis=1)
     return Limits(
-        excursion=REACH_SHARE * own.stroke_share * reach, velocity=velocity, acceleration=acceleration, jerk=jerk
+        excursion=reach_share * own.stroke_share * reach, velocity=velocity, acceleration=acceleration, jerk=jerk
     )
 
 
@@ -76,9 +78,11 @@ def leg_limits(machine: Machine) -> Limits:
     reach = np.minimum(neutral, machine.mechanics.stroke_m - neutral)
     free = reach - machine.of_legs("cylinder", "cushion_length_m") - LEG_MARGIN_m
     return Limits(
-        excursion=own.stroke_share * free, velocity=np.full(n, own.velocity_m_s),
-        acceleration=np.full(n, own.acceleration_m_s2), jerk=np.full(n, own.jerk_m_s3),
-    )  # fmt: skip
+        excursion=own.stroke_share * free,
+        velocity=np.full(n, own.velocity_m_s),
+        acceleration=np.full(n, own.acceleration_m_s2),
+        jerk=np.full(n, own.jerk_m_s3),
+    )
 
 
 @compiled
@@ -115,27 +119,51 @@ class CommandLimiter:
         self.velocity = np.zeros(len(limits.excursion))
         self.limited = False
 
-    def step(self, target: Array, velocity: Array, acceleration: Array, dt: float) -> Array:
+    def step(
+        self,
+        target: Array,
+        velocity: Array,
+        acceleration: Array,
+        dt: float,
+        *,
+        soft_share: float = 0.1,  # of the excursion, in which it is compressed
+        return_rad_s: float = 12.0,  # w, how fast the follower comes back to its target
+    ) -> Array:
         """The position (n,) `dt` later. Targets are those of the present time."""
         limits = self.limits
         beyond = _follow(
-            self.position, self.velocity, target, velocity, acceleration, dt,
-            limits.excursion, limits.velocity, limits.acceleration, SOFT_SHARE, RETURN_rad_s,
-        )  # fmt: skip
+            self.position,
+            self.velocity,
+            target,
+            velocity,
+            acceleration,
+            dt,
+            limits.excursion,
+            limits.velocity,
+            limits.acceleration,
+            soft_share,
+            return_rad_s,
+        )
         self.limited = beyond > 0.0
         return self.position.copy()
 
 
-def soft_legs(positions: Array, stroke_m: ArrayLike, cushion_m: ArrayLike) -> tuple[Array, bool]:
-    """Piston setpoints held clear of the cushions, and whether any had to be: tanh within the last `LEG_SOFT_m`.
+def soft_legs(
+    positions: Array,
+    stroke_m: ArrayLike,
+    cushion_m: ArrayLike,
+    *,
+    soft_m: float = 0.010,  # in which a leg's setpoint is compressed
+) -> tuple[Array, bool]:
+    """Piston setpoints held clear of the cushions, and whether any had to be: tanh within the last `soft_m`.
 
     Poses that are each within their limits can together exceed the stroke of a leg.
     """
     half = 0.5 * np.asarray(stroke_m)
-    linear = half - np.asarray(cushion_m) - LEG_MARGIN_m - LEG_SOFT_m
+    linear = half - np.asarray(cushion_m) - LEG_MARGIN_m - soft_m
     offset = positions - half
     over = np.abs(offset) - linear
     if not (over > 0.0).any():
         return positions, False
-    held = np.sign(offset) * (linear + LEG_SOFT_m * np.tanh(np.maximum(over, 0.0) / LEG_SOFT_m))
+    held = np.sign(offset) * (linear + soft_m * np.tanh(np.maximum(over, 0.0) / soft_m))
     return half + np.where(over > 0.0, held, offset), True

@@ -20,11 +20,18 @@ from numpy.typing import NDArray
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer.leg_load import holding_forces, holding_stiffness, leg_compliance, platform_jacobian
-from hexsim.motion_computer.loop_model import P1, P2, RATE, VOLTS, V, X, Y, leg_at, leg_slopes
+from hexsim.motion_computer.loop_model import L, leg_at, leg_slopes
 from hexsim.signals.table import table
 
 Array = NDArray[np.float64]
-STATES = {P1: "pressure_bottom", P2: "pressure_top", X: "spool", RATE: "spool", Y: "position", V: "velocity"}
+STATES: dict[int, str] = {
+    L.P1: "pressure_bottom",
+    L.P2: "pressure_top",
+    L.X: "spool",
+    L.RATE: "spool",
+    L.Y: "position",
+    L.V: "velocity",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,24 +63,28 @@ def linear_plant(machine: Machine, pose: Array, extends: bool = True) -> LinearP
     A, B, F = np.zeros((count, count)), np.zeros((count, n)), np.zeros((n, count + n))
     for i, (slopes, _) in enumerate(legs):
         own = slice(6 * i, 6 * i + 6)
-        A[own, own], B[own, i] = slopes[:, :VOLTS], slopes[:, VOLTS]
-        F[i, own], F[i, count + i] = slopes[V, :VOLTS], slopes[V, VOLTS]
-    F[:, Y:count:6] -= holding_stiffness(resolved, pose)
+        A[own, own], B[own, i] = slopes[:, : L.VOLTS], slopes[:, L.VOLTS]
+        F[i, own], F[i, count + i] = slopes[L.V, : L.VOLTS], slopes[L.V, L.VOLTS]
+    F[:, L.Y : count : 6] -= holding_stiffness(resolved, pose)
     accelerations = leg_compliance(resolved, pose) @ F
-    A[V::6], B[V::6] = accelerations[:, :count], accelerations[:, count:]
+    A[L.V :: 6], B[L.V :: 6] = accelerations[:, :count], accelerations[:, count:]
     kept = [6 * i + place for i, (_, there) in enumerate(legs) for place in there]
     names = [_state_names(place, n) for place in range(6)]
     outputs, read = _outputs(machine, pose, accelerations)
     return LinearPlant(
-        A=A[np.ix_(kept, kept)], B=B[kept], C=read[:, kept], D=read[:, count:],
+        A=A[np.ix_(kept, kept)],
+        B=B[kept],
+        C=read[:, kept],
+        D=read[:, count:],
         states=tuple(names[place % 6][place // 6] for place in kept),
-        inputs=table()["valve"].columns(n), outputs=outputs,
-    )  # fmt: skip
+        inputs=table()["valve"].columns(n),
+        outputs=outputs,
+    )
 
 
 def _state_names(place: int, n: int) -> tuple[str, ...]:
     signal = table()[STATES[place]]
-    if place != RATE:
+    if place != L.RATE:
         return signal.columns(n)
     return tuple(f"spool_velocity{mark}_m_s" for mark in ([""] if n == 1 else [f"_{i + 1}" for i in range(n)]))
 
@@ -86,9 +97,9 @@ def _outputs(machine: Machine, pose: Array, accelerations: Array) -> tuple[tuple
     n, mechanics, resolved = machine.n_legs, machine.mechanics, resolve(machine)
     every = np.eye(accelerations.shape[1])
     count = 6 * n
-    rows: dict[str, Any] = {"position": every[Y:count:6], "pressure_bottom": every[P1:count:6]}
+    rows: dict[str, Any] = {"position": every[L.Y : count : 6], "pressure_bottom": every[L.P1 : count : 6]}
     if machine.cylinder.rod_side == "valve":
-        rows["pressure_top"] = every[P2:count:6]
+        rows["pressure_top"] = every[L.P2 : count : 6]
     if not mechanics.has_platform:
         rows["acceleration"] = accelerations
     else:

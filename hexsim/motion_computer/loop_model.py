@@ -2,7 +2,7 @@
 
 A leg (hydraulics of `leg.leg_derivatives`, differentiated numerically) pushes a mass m along its axis:
     s = (P1, P2, x, x', y, v),  v' = F(s)/m,      Coulomb and static friction left out: they damp
-It stands open by OPEN of its travel beyond the lap, once either way: shut, an overlapped valve has no gain at all, and
+It stands open by open_share of its travel beyond the lap, once either way: shut, an overlapped valve has no gain at all, and
 wide open it damps more. Equal legs on a platform part into as many single loops as there are legs: the modes of
 A = J M^-1 J', each with the mass 1/eigenvalue. A machine whose legs differ is judged by each leg in each mode.
 
@@ -14,6 +14,7 @@ Left out: hysteresis, slew of the spool, supply as it droops, sensor noise and r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 from typing import Any
 
@@ -33,21 +34,33 @@ from hexsim.motion_computer.leg_load import holding_forces, leg_compliance
 from hexsim.smoothness.band import BANDWIDTH_Hz
 
 Array = NDArray[np.float64]
-OPEN = 0.01  # of the spool's travel, beyond the lap
-P1, P2, X, RATE, Y, V, VOLTS = range(7)
+
+
+class L(IntEnum):
+    """Places in a leg's state, and of its volts behind it."""
+
+    P1 = 0
+    P2 = 1
+    X = 2
+    RATE = 3
+    Y = 4
+    V = 5
+    VOLTS = 6
+
+
 Matrices = tuple[Any, Any, Any, Any]  # A, B, C, D: arrays
 STEPS = (1e3, 1e3, 1e-8, 1e-4, 1e-6, 1e-5, 1e-5)  # of the numerical derivative: Pa, Pa, m, m/s, m, m/s, V
-EQUAL = 1e-6  # relative difference of modes that count as one
-BAND_POINTS = 100  # frequencies of the felt band
 OUTSIDE = 1e-9  # of the unit circle, beyond which a pole counts as unstable
-STEP_rad = 0.5  # of an angle whose winding is counted
-POINTS_PER_TURN = 20  # of a delay's z^-n, to begin with
-NEAR_DECADES = 9  # of angles towards the integrators at z = 1
-REFINEMENTS = 40  # halvings of an angle's step: to the last bit of any resonance
 
 
 def leg_at(
-    p: Array, force: float, supply_Pa: float, sign: float, position_m: float | None = None
+    p: Array,
+    force: float,
+    supply_Pa: float,
+    sign: float,
+    position_m: float | None = None,
+    *,
+    open_share: float = 0.01,  # of the spool's travel, beyond the lap
 ) -> tuple[Array, Array]:
     """A leg's state and volts (7,) in steady motion with its valve open one way, and its row without dry friction.
 
@@ -61,30 +74,30 @@ def leg_at(
     four_way = p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
     bottom, top, tank = p[P.AREA_BOTTOM], p[P.AREA_TOP], p[P.TANK_PRESSURE]
     at = np.zeros(7)
-    at[P1] = (force + supply_Pa * top) / bottom
-    at[P2] = supply_Pa
+    at[L.P1] = (force + supply_Pa * top) / bottom
+    at[L.P2] = supply_Pa
     if four_way:
-        at[P1] = (force + (supply_Pa + tank) * top) / (bottom + top)
-        at[P2] = supply_Pa + tank - at[P1]
+        at[L.P1] = (force + (supply_Pa + tank) * top) / (bottom + top)
+        at[L.P2] = supply_Pa + tank - at[L.P1]
     laps = [p[P.OVERLAP_SUPPLY], p[P.OVERLAP_TANK]]
     laps += [p[P.OVERLAP_SUPPLY_TOP], p[P.OVERLAP_TANK_TOP]] if four_way else []
-    at[X] = sign * (max(0.0, *laps) + OPEN * p[P.SPOOL_TRAVEL])
-    at[VOLTS] = at[X] / p[P.SPOOL_GAIN] + p[P.NULL_OFFSET]
-    at[Y] = 0.5 * p[P.STROKE] if position_m is None else position_m
-    opening = leg.flow_curve(p, at[X]) if p[P.FLOW_POINTS] > 0.0 else at[X]
-    at[V] = ports.supply_edge_flow(p, opening, at[P1], supply_Pa) - ports.tank_edge_flow(p, opening, at[P1])
-    at[V] /= bottom
+    at[L.X] = sign * (max(0.0, *laps) + open_share * p[P.SPOOL_TRAVEL])
+    at[L.VOLTS] = at[L.X] / p[P.SPOOL_GAIN] + p[P.NULL_OFFSET]
+    at[L.Y] = 0.5 * p[P.STROKE] if position_m is None else position_m
+    opening = leg.flow_curve(p, at[L.X]) if p[P.FLOW_POINTS] > 0.0 else at[L.X]
+    at[L.V] = ports.supply_edge_flow(p, opening, at[L.P1], supply_Pa) - ports.tank_edge_flow(p, opening, at[L.P1])
+    at[L.V] /= bottom
     return at, p
 
 
 def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: float) -> Matrices:
     """x' = A x + B u, (y, p, y) = C x + D u of one leg that pushes `mass`; u: valve volts, p = P1 - P2 A2/A1 [Pa]."""
     slopes, there = leg_slopes(*leg_at(p, force, supply_Pa, sign), supply_Pa)
-    slopes[V] /= mass
+    slopes[L.V] /= mass
     ratio = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
     read = np.zeros((3, 6))
-    read[[0, 2], Y], read[1, P1], read[1, P2] = 1.0, 1.0, -ratio
-    return slopes[np.ix_(there, there)], slopes[there][:, [VOLTS]], read[:, there], np.zeros((3, 1))
+    read[[0, 2], L.Y], read[1, L.P1], read[1, L.P2] = 1.0, 1.0, -ratio
+    return slopes[np.ix_(there, there)], slopes[there][:, [L.VOLTS]], read[:, there], np.zeros((3, 1))
 
 
 def leg_slopes(at: Array, p: Array, supply_Pa: float) -> tuple[Array, list[int]]:
@@ -94,19 +107,19 @@ def leg_slopes(at: Array, p: Array, supply_Pa: float) -> tuple[Array, list[int]]
     """
 
     def rates(s: Array) -> Array:
-        state = (s[P1], s[P2], s[X], s[RATE], 0.0)
-        (d1, d2, dx, dr, _), _, _ = leg.leg_derivatives(p, s[Y], s[V], s[VOLTS], 0.0, supply_Pa, state, 0.0)
-        pushed = leg.leg_force(p, s[Y], s[V], s[VOLTS], s[P1], s[P2], supply_Pa, 0.0, 0.0)
-        return np.array([d1, d2, dx, dr, s[V], pushed])
+        state = (s[L.P1], s[L.P2], s[L.X], s[L.RATE], 0.0)
+        (d1, d2, dx, dr, _), _, _ = leg.leg_derivatives(p, s[L.Y], s[L.V], s[L.VOLTS], 0.0, supply_Pa, state, 0.0)
+        pushed = leg.leg_force(p, s[L.Y], s[L.V], s[L.VOLTS], s[L.P1], s[L.P2], supply_Pa, 0.0, 0.0)
+        return np.array([d1, d2, dx, dr, s[L.V], pushed])
 
     slopes = np.column_stack(
         [(rates(at + h * e) - rates(at - h * e)) / (2 * h) for h, e in zip(STEPS, np.eye(7), strict=True)]
     )
-    there = [P1, Y, V]
+    there: list[int] = [L.P1, L.Y, L.V]
     if p[P.ROD_SIDE_CHAMBER] > 0.0:
-        there.insert(1, P2)
+        there.insert(1, L.P2)
     if p[P.SPOOL_OMEGA] > 0.0:
-        there += [X, RATE]
+        there += [L.X, L.RATE]
     return slopes, there
 
 
@@ -230,28 +243,35 @@ class Loop:
 
     @cached_property
     def is_stable(self) -> bool:
-        """Nyquist: 1 + L winds about 0 on a circle just outside the unit circle as often as the open loop has poles outside.
+        """Nyquist: 1 + L winds about 0 on a circle just outside the unit circle as often as the open loop has poles outside."""
+        outside = sum(
+            int(np.sum(np.abs(np.linalg.eigvals(part[0])) > 1.0 + OUTSIDE)) for part in (self.plant, self.controller)
+        )
+        return self._turns() == outside
 
-        The winding is counted by steps of the angle below STEP_rad, so that no delay is too long and no resonance too sharp.
-        """
-        far = np.linspace(0.0, np.pi, int(POINTS_PER_TURN * (sum(self.late_ticks) + len(self.plant[0]) + N_MEMORY)))[1:]
-        angles = np.r_[0.0, np.geomspace(OUTSIDE, far[0], POINTS_PER_TURN * NEAR_DECADES)[:-1], far]
+    def _turns(
+        self,
+        *,
+        step_rad: float = 0.5,  # of the angle of 1 + L: no delay is too long for it and no resonance too sharp
+        points_a_turn: int = 20,  # of a delay's z^-n, to begin with
+        near_decades: int = 9,  # of angles towards the integrators at z = 1
+        most_halvings: int = 40,  # of an angle's step: to the last bit of any resonance
+    ) -> int:
+        """How often 1 + L winds about 0."""
+        far = np.linspace(0.0, np.pi, int(points_a_turn * (sum(self.late_ticks) + len(self.plant[0]) + N_MEMORY)))[1:]
+        angles = np.r_[0.0, np.geomspace(OUTSIDE, far[0], points_a_turn * near_decades)[:-1], far]
 
         def of(angle: Array) -> Array:
             return 1.0 + self._returned((1.0 + OUTSIDE) * np.exp(1j * angle))[0]
 
         values = of(angles)
-        for _ in range(REFINEMENTS):
-            wide = np.flatnonzero(np.abs(np.angle(values[1:] / values[:-1])) > STEP_rad)
+        for _ in range(most_halvings):
+            wide = np.flatnonzero(np.abs(np.angle(values[1:] / values[:-1])) > step_rad)
             if not len(wide):
                 break
             middle = 0.5 * (angles[wide] + angles[wide + 1])
             angles, values = np.insert(angles, wide + 1, middle), np.insert(values, wide + 1, of(middle))
-        turns = np.sum(np.angle(values[1:] / values[:-1])) / np.pi
-        outside = sum(
-            int(np.sum(np.abs(np.linalg.eigvals(part[0])) > 1.0 + OUTSIDE)) for part in (self.plant, self.controller)
-        )
-        return round(float(turns)) == outside
+        return round(float(np.sum(np.angle(values[1:] / values[:-1])) / np.pi))
 
     def open_response(self, frequency_Hz: Array) -> Array:
         """L (n,): volts that come back for volts sent, broken at the valve's command, sign turned."""
@@ -266,18 +286,29 @@ class Loop:
         """Piston over setpoint (n,)."""
         return self.closed_responses(frequency_Hz)[:, 0]
 
-    def shaken_m_s2(self, position_m: float, pressure_Pa: float, band_Hz: float = BANDWIDTH_Hz) -> float:
+    def shaken_m_s2(
+        self,
+        position_m: float,
+        pressure_Pa: float,
+        band_Hz: float = BANDWIDTH_Hz,
+        *,
+        n_points: int = 100,  # frequencies of the felt band
+    ) -> float:
         """Acceleration of the piston below `band_Hz`, rms, by white noise of the readings, rms of a tick's.
 
         a^2 = int |w^2 T|^2 2 T_s n^2 df, T piston over reading.
         """
-        f = np.linspace(0.0, band_Hz, BAND_POINTS + 1)[1:]
+        f = np.linspace(0.0, band_Hz, n_points + 1)[1:]
         over = np.abs(self.closed_responses(f)[:, 1:] * (2 * np.pi * f[:, None]) ** 2)
         density = 2 * self.tick_s * np.sum((over * [position_m, pressure_Pa]) ** 2, axis=1)
         return float(np.sqrt(f[0] * (np.sum(density) - 0.5 * density[-1])))  # trapezia; 0 at rest
 
 
-def loops(machine: Machine) -> list[Loop]:
+def loops(
+    machine: Machine,
+    *,
+    equal: float = 1e-6,  # relative difference of modes that count as one
+) -> list[Loop]:
     """Every leg in every mode, extending and retracting; equal ones once."""
     resolved, tick_s = resolve(machine), 1.0 / machine.controller.rate_Hz
     control = control_of(machine)
@@ -292,7 +323,7 @@ def loops(machine: Machine) -> list[Loop]:
         lags = [_of_leg(resolved, f"{name}_lag_s", i) for name in ("position", "pressure")]
         for mode, mass in enumerate(masses):
             what = np.r_[p, own.rows[0], late, lags, mass, forces[i] / max(abs(forces).max(), 1.0)]
-            if any(np.allclose(what, other, rtol=EQUAL, atol=0.0) for other in seen):
+            if any(np.allclose(what, other, rtol=equal, atol=0.0) for other in seen):
                 continue
             seen.append(what)
             controller = reduced(controller_matrices(own, float(mass)))

@@ -19,11 +19,8 @@ from hexsim.declaration import Machine
 from hexsim.motion_computer.loop_model import Loop, loops
 
 Array = NDArray[np.float64]
-LOW_PHASE_MARGIN_deg = 30.0  # below: a warning
-DELAY_AT_Hz = 1.0
-POINTS = 400
-PER_TURN = 8  # frequencies in a turn of a delay's angle: a crossing of the real axis is never passed over
-BISECTIONS = 12
+DELAY_AT_Hz = 1.0  # where the phase of a loop of a few hertz is still a delay
+POINTS = 400  # frequencies of a curve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,10 +41,16 @@ class LoopFigures:
     delay_s: float
 
 
-def frequencies(rate_Hz: float, points: int = POINTS, late_s: float = 0.0) -> Array:
-    """From 0.05 Hz to just below half of the rate; at least PER_TURN in each turn of a delay's angle."""
+def frequencies(
+    rate_Hz: float,
+    points: int = POINTS,
+    late_s: float = 0.0,
+    *,
+    per_turn: int = 8,  # frequencies in a turn of a delay's angle: a crossing of the real axis is never passed over
+) -> Array:
+    """From 0.05 Hz to just below half of the rate; at least per_turn in each turn of a delay's angle."""
     low, high = 0.05, 0.499 * rate_Hz
-    even = np.linspace(low, high, int(PER_TURN * late_s * high) + 2)
+    even = np.linspace(low, high, int(per_turn * late_s * high) + 2)
     return np.union1d(np.geomspace(low, high, points), even)
 
 
@@ -63,20 +66,32 @@ def figures_of(loop: Loop, points: int = POINTS) -> LoopFigures:
     gain = 20 * np.log10(np.abs(closed))
     phase = np.degrees(np.unwrap(np.angle(closed)))
     return LoopFigures(
-        leg=loop.leg, mode=loop.mode, mass_kg=loop.mass_kg, extends=loop.extends, is_stable=loop.is_stable,
+        leg=loop.leg,
+        mode=loop.mode,
+        mass_kg=loop.mass_kg,
+        extends=loop.extends,
+        is_stable=loop.is_stable,
         gain_margin_dB=float(-20 * np.log10(-inside.min())) if len(inside) else None,
         phase_margin_deg=float((180.0 - np.abs(angles)).min()) if len(angles) else None,
         crossover_Hz=float(crossings[-1]) if len(crossings) else None,
-        bandwidth_Hz=first_below(f, gain, -3.0), quarter_Hz=first_below(f, phase, -90.0), peak_dB=float(gain.max()),
+        bandwidth_Hz=first_below(f, gain, -3.0),
+        quarter_Hz=first_below(f, phase, -90.0),
+        peak_dB=float(gain.max()),
         delay_s=float(-np.interp(DELAY_AT_Hz, f, phase) / 360.0 / DELAY_AT_Hz),
-    )  # fmt: skip
+    )
 
 
-def _where_zero(f: Array, values: Array, of: Callable[[Array], Array]) -> Array:
+def _where_zero(
+    f: Array,
+    values: Array,
+    of: Callable[[Array], Array],
+    *,
+    bisections: int = 12,  # to 1/4096 of the interval between two frequencies
+) -> Array:
     """Where `of` changes its sign, from its `values` at f: bisection, for a resonance turns quickly."""
     k = np.flatnonzero(np.diff(np.sign(values)) != 0)
     low, high, sign = f[k], f[k + 1], np.sign(values[k])
-    for _ in range(BISECTIONS if len(k) else 0):
+    for _ in range(bisections if len(k) else 0):
         middle = np.sqrt(low * high)
         same = np.sign(of(middle)) == sign
         low, high = np.where(same, middle, low), np.where(same, high, middle)
@@ -112,14 +127,18 @@ def _least(values: Iterable[float | None]) -> float | None:
     return min((value for value in values if value is not None), default=None)
 
 
-def stability_sentence(figures: LoopFigures) -> str:
+def stability_sentence(
+    figures: LoopFigures,
+    *,
+    low_margin_deg: float = 30.0,  # below: a warning
+) -> str:
     """A warning where the loop is unstable or has little phase margin; else empty."""
     where = f"leg {figures.leg}, {'extending' if figures.extends else 'retracting'}, moving {figures.mass_kg:.0f} kg"
     if not figures.is_stable:
         return f"the declared loop is unstable about neutral ({where}): lower its gains, see hexsim tune-loop"
-    if figures.phase_margin_deg is not None and figures.phase_margin_deg < LOW_PHASE_MARGIN_deg:
+    if figures.phase_margin_deg is not None and figures.phase_margin_deg < low_margin_deg:
         return (
             f"the declared loop has a phase margin of {figures.phase_margin_deg:.0f} deg, below "
-            f"{LOW_PHASE_MARGIN_deg:g} deg ({where}): lower its gains, see hexsim tune-loop"
+            f"{low_margin_deg:g} deg ({where}): lower its gains, see hexsim tune-loop"
         )
     return ""

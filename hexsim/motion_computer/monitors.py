@@ -22,14 +22,27 @@ from hexsim.declaration import Machine
 from hexsim.motion_computer.errors import Error, Finding
 
 Array = NDArray[np.float64]
-OK, LOST, OUT_OF_RANGE, JUMP, FROZEN, LEG_ERROR, LEG_PRESSURE = range(7)
+
+
+class Reading(IntEnum):
+    """What a tick finds wrong with a leg."""
+
+    OK = 0
+    LOST = 1
+    OUT_OF_RANGE = 2
+    JUMP = 3
+    FROZEN = 4
+    LEG_ERROR = 5
+    LEG_PRESSURE = 6
+
+
 LEG_FINDINGS = {
-    LOST: (Error.SENSOR, "leg {leg}: position signal lost"),
-    OUT_OF_RANGE: (Error.SENSOR, "leg {leg}: position outside the stroke"),
-    JUMP: (Error.SENSOR, "leg {leg}: position jumps"),
-    FROZEN: (Error.SENSOR, "leg {leg}: position stands still while the leg is driven"),
-    LEG_ERROR: (Error.LEG_ERROR, "leg {leg} does not follow its setpoint"),
-    LEG_PRESSURE: (Error.PRESSURE_LOW, "leg {leg}: bottom pressure lost"),
+    Reading.LOST: (Error.SENSOR, "leg {leg}: position signal lost"),
+    Reading.OUT_OF_RANGE: (Error.SENSOR, "leg {leg}: position outside the stroke"),
+    Reading.JUMP: (Error.SENSOR, "leg {leg}: position jumps"),
+    Reading.FROZEN: (Error.SENSOR, "leg {leg}: position stands still while the leg is driven"),
+    Reading.LEG_ERROR: (Error.LEG_ERROR, "leg {leg} does not follow its setpoint"),
+    Reading.LEG_PRESSURE: (Error.PRESSURE_LOW, "leg {leg}: bottom pressure lost"),
 }
 
 
@@ -115,18 +128,18 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
             counts[Count.PRESSURE, i] + 1 if pressures[i] < p.leg_pressure and measured[i] > p.clear_of_stops[i] else 0
         )
         if counts[Count.PRESSURE, i] >= p.leg_pressure_ticks:
-            codes[i] = LEG_PRESSURE
+            codes[i] = Reading.LEG_PRESSURE
         if not usable[i]:
             continue
         reading = measured[i]
-        bad = OK
+        bad = Reading.OK
         if not np.isfinite(reading):
-            bad = LOST
+            bad = Reading.LOST
         elif reading < -p.range or reading > p.stroke[i] + p.range:
-            bad = OUT_OF_RANGE
+            bad = Reading.OUT_OF_RANGE
         elif abs(reading - last[i]) > p.tick_s * (p.jump + counts[Count.BAD, i] * abs(speed)):
-            bad = JUMP
-        if bad != OK:
+            bad = Reading.JUMP
+        if bad != Reading.OK:
             counts[Count.BAD, i] += 1
             if counts[Count.BAD, i] >= p.bad_readings:
                 codes[i] = bad
@@ -136,7 +149,7 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
         counts[Count.EQUAL, i] = counts[Count.EQUAL, i] + 1 if reading == last[i] and driven else 0
         last[i] = reading
         if counts[Count.EQUAL, i] >= p.frozen_ticks:
-            codes[i] = FROZEN
+            codes[i] = Reading.FROZEN
         beyond = max(min(model[i], setpoint[i]) - reading, reading - max(model[i], setpoint[i]))
         counts[Count.LEG_ERROR, i] = (
             counts[Count.LEG_ERROR, i] + 1
@@ -144,7 +157,7 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
             else 0
         )
         if counts[Count.LEG_ERROR, i] >= p.leg_error_ticks:
-            codes[i] = LEG_ERROR
+            codes[i] = Reading.LEG_ERROR
     return codes
 
 
@@ -159,14 +172,23 @@ class LegMonitor:
         t = tolerances
         ticks = lambda seconds: max(1.0, np.ceil(seconds / tick))  # noqa: E731
         self._limits = LegLimits(
-            tick_s=tick, velocity_gain=velocity_gain(machine),
+            tick_s=tick,
+            velocity_gain=velocity_gain(machine),
             position_gain=machine.of_legs("controller", "gain_V_per_m"),
-            volts_max=machine.of_legs("valve", "voltage_max_V"), stroke=machine.of_legs("cylinder", "stroke_m"),
-            leg_error=t.leg_error_m, leg_error_share=t.leg_error_share, leg_error_ticks=ticks(t.leg_error_s),
-            range=t.range_m, jump=t.jump_m_s, bad_readings=float(t.bad_readings), frozen_ticks=ticks(t.frozen_s),
-            frozen_velocity=t.frozen_velocity_m_s, leg_pressure=t.leg_pressure_low * machine.supply.pressure_Pa,
-            leg_pressure_ticks=ticks(t.leg_pressure_s), clear_of_stops=2.0 * machine.of_legs("cylinder", "cushion_length_m"),
-        )  # fmt: skip
+            volts_max=machine.of_legs("valve", "voltage_max_V"),
+            stroke=machine.of_legs("cylinder", "stroke_m"),
+            leg_error=t.leg_error_m,
+            leg_error_share=t.leg_error_share,
+            leg_error_ticks=ticks(t.leg_error_s),
+            range=t.range_m,
+            jump=t.jump_m_s,
+            bad_readings=float(t.bad_readings),
+            frozen_ticks=ticks(t.frozen_s),
+            frozen_velocity=t.frozen_velocity_m_s,
+            leg_pressure=t.leg_pressure_low * machine.supply.pressure_Pa,
+            leg_pressure_ticks=ticks(t.leg_pressure_s),
+            clear_of_stops=2.0 * machine.of_legs("cylinder", "cushion_length_m"),
+        )
         self.model = np.zeros(n)
         self.usable = np.ones(n, dtype=bool)
         self._last = np.zeros(n)
@@ -194,7 +216,7 @@ class LegMonitor:
         )
         findings = []
         for i in np.flatnonzero(codes):
-            error, text = LEG_FINDINGS[int(codes[i])]
+            error, text = LEG_FINDINGS[Reading(codes[i])]
             findings.append(Finding(error=error, leg=int(i) + 1, detail=text.format(leg=i + 1)))
             if error == Error.SENSOR:
                 self.usable[i] = False

@@ -17,9 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-PEAK_VELOCITY = 15.0 / 8.0
-PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
-SHORTEST_S = 0.05  # no stop or move is shorter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +61,9 @@ def stop_and_move(
     acceleration_max: ArrayLike,
     stop_acceleration_max: ArrayLike,
     bounds: tuple[ArrayLike, ArrayLike] | None = None,
+    peak_velocity: float = 15.0 / 8.0,  # of the quintic, over distance and time
+    peak_acceleration: float = 10.0 / np.sqrt(3.0),  # of the quintic, over distance and time squared
+    shortest_s: float = 0.05,  # no stop or move is shorter
 ) -> Path:
     """A path from the present motion to rest at `target` (None: to rest, wherever that is).
 
@@ -73,22 +73,22 @@ def stop_and_move(
     s0, v0, a0 = (np.array(value, dtype=float) for value in (start, velocity, acceleration))
     limit = np.broadcast_to(np.asarray(stop_acceleration_max, dtype=float), s0.shape)
     a0 = np.clip(a0, -limit, limit)
-    stop_s = max(SHORTEST_S, float(np.max(1.5 * np.abs(v0) / limit)))
+    stop_s = max(shortest_s, float(np.max(1.5 * np.abs(v0) / limit)))
     if bounds is not None:
         low, high = (np.broadcast_to(np.asarray(bound, dtype=float), s0.shape) for bound in bounds)
         for _ in range(20):
             rest = s0 + stop_s * (0.5 * v0 + a0 * stop_s / 12.0)
-            if stop_s <= SHORTEST_S or np.all((rest >= np.minimum(low, s0)) & (rest <= np.maximum(high, s0))):
+            if stop_s <= shortest_s or np.all((rest >= np.minimum(low, s0)) & (rest <= np.maximum(high, s0))):
                 break
-            stop_s = max(0.8 * stop_s, SHORTEST_S)
+            stop_s = max(0.8 * stop_s, shortest_s)
     rest = s0 + stop_s * (0.5 * v0 + a0 * stop_s / 12.0)
     end = rest if target is None else np.broadcast_to(np.asarray(target, dtype=float), s0.shape).copy()
     distance = np.abs(end - rest)
     move_s = 0.0
     if np.any(distance > 0.0):
-        by_velocity = np.max(PEAK_VELOCITY * distance / np.asarray(velocity_max, dtype=float))
-        by_acceleration = np.max(np.sqrt(PEAK_ACCELERATION * distance / np.asarray(acceleration_max, dtype=float)))
-        move_s = max(SHORTEST_S, float(by_velocity), float(by_acceleration))
+        by_velocity = np.max(peak_velocity * distance / np.asarray(velocity_max, dtype=float))
+        by_acceleration = np.max(np.sqrt(peak_acceleration * distance / np.asarray(acceleration_max, dtype=float)))
+        move_s = max(shortest_s, float(by_velocity), float(by_acceleration))
     return Path(
         start_s=time_s, stop_s=stop_s, move_s=move_s, start=s0, velocity=v0, acceleration=a0, rest=rest, target=end
     )

@@ -105,9 +105,14 @@ class PositionLoop:
         return bottom if top is None else bottom - self.control.rows[:, C.AREA_RATIO] * top
 
     def tick(
-        self, time_s: float, setpoints: Array, positions: Array, pressures: Array | None, supply_Pa: float,
+        self,
+        time_s: float,
+        setpoints: Array,
+        positions: Array,
+        pressures: Array | None,
+        supply_Pa: float,
         top_pressures: Array | None = None,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """Volts (n_legs,) for this tick. setpoints: (preview, n_legs), this tick's first; the rest SI, measured.
 
         top_pressures: of rod sides on a four-way valve.
@@ -129,9 +134,23 @@ class PositionLoop:
             mobility, pose, forces, speeds = self._watch_legs(positions, pressures, supply_Pa, top_pressures)
             tops = np.zeros(len(positions)) if top_pressures is None else top_pressures
             legs = Legs(
-                time_s, followed, ahead, self._counts, positions, asked, self._commanded, pressures, supply_Pa, own, tops, loads,
-                forces, speeds, pose, mobility,
-            )  # fmt: skip
+                time_s,
+                followed,
+                ahead,
+                self._counts,
+                positions,
+                asked,
+                self._commanded,
+                pressures,
+                supply_Pa,
+                own,
+                tops,
+                loads,
+                forces,
+                speeds,
+                pose,
+                mobility,
+            )
             self._compensate(legs, asked)
         # without position signal: 0, the valve shut
         self.valve, self._commanded = np.empty_like(asked), np.empty_like(asked)

@@ -31,8 +31,7 @@ from hexsim.packets import described
 
 HEADER = struct.Struct("<4sHHIIdd")
 MAGIC = b"HXT1"
-MOST_LEGS, MOST_ROWS = 6, 4
-FASTEST_Hz = 1e5
+MOST_LEGS, MOST_ROWS = 6, 4  # of a packet: 1,216 bytes, below what any IPv6 network takes whole
 LARGEST = 1e10  # SI; a hundred times the pressure of the strongest hydraulics, and far beyond any other reading
 LARGEST_PACKET = HEADER.size + MOST_ROWS * (5 * MOST_LEGS + 7) * 8
 Array = NDArray[np.float64]
@@ -61,7 +60,11 @@ class Telemetry:
         return head + np.ascontiguousarray(self.rows, dtype="<f8").tobytes()
 
 
-def unpack_telemetry(data: bytes) -> Telemetry | str:
+def unpack_telemetry(
+    data: bytes,
+    *,
+    fastest_Hz: float = 1e5,  # of rows: a packet of four every 40 us, more than a network brings
+) -> Telemetry | str:
     """The telemetry, or why it is none, as text: size, magic, counts, a time or rate that cannot be, readings that no
     sensor gives. Never raises. Whether the readings are a machine's is for the host to judge.
     """
@@ -74,7 +77,7 @@ def unpack_telemetry(data: bytes) -> Telemetry | str:
         return f"telemetry of {n} legs in {m} rows"
     if len(data) != HEADER.size + 8 * m * width(n):
         return f"telemetry of {n} legs in {m} rows with {len(data)} bytes (it has {HEADER.size + 8 * m * width(n)})"
-    if not (abs(time_s) <= LATEST_S and 0.0 < rate_Hz <= FASTEST_Hz):
+    if not (abs(time_s) <= LATEST_S and 0.0 < rate_Hz <= fastest_Hz):
         return "telemetry with a time or rate that is not finite or cannot be"
     rows = np.frombuffer(data, dtype="<f8", offset=HEADER.size).reshape(m, width(n)).astype(float)
     if np.any(np.abs(rows) > LARGEST):  # not-a-number stands for a sensor that is not there

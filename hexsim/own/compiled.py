@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -26,7 +27,17 @@ from hexsim.own.formulas import TINY, Expr
 from hexsim.own.model import BEFORE, Model
 
 Array = np.ndarray
-RATES, AFTER, OUTPUTS, STARTS = range(4)
+
+
+class What(IntEnum):
+    """Which of a model's vectors its function is asked for."""
+
+    RATES = 0
+    AFTER = 1
+    OUTPUTS = 2
+    STARTS = 3
+
+
 VECTOR = types.Array(types.float64, 1, "C")
 Value = Any  # of llvmlite
 DOUBLE, WORD = ir.DoubleType(), ir.IntType(64)
@@ -75,8 +86,16 @@ def power(x, y):
     return math.exp(min(y * math.log(x), 700.0)) if x > 0.0 else 0.0
 
 
-CALLED = {"exp": exponential, "logarithm": logarithm, "tanh": hyperbolic, "sin": sine, "cos": cosine, "root": root,
-          "root_slope": root_slope, "power": power}  # fmt: skip
+CALLED = {
+    "exp": exponential,
+    "logarithm": logarithm,
+    "tanh": hyperbolic,
+    "sin": sine,
+    "cos": cosine,
+    "root": root,
+    "root_slope": root_slope,
+    "power": power,
+}
 
 
 class Emitter:
@@ -212,14 +231,20 @@ def parts(model: Model) -> list[Part]:
     s = [sympy.Symbol(f"{function}({column})", real=True) for function, column in model.firsts]
     both = [*x, *before]
     return [
-        (model.rates, x, (both, u, p)), (model.after, both, (both, u, p)), (model.observed, x, (both, u, p)),
+        (model.rates, x, (both, u, p)),
+        (model.after, both, (both, u, p)),
+        (model.observed, x, (both, u, p)),
         (model.starts, [], (both, s, p)),
-    ]  # fmt: skip
+    ]
 
 
 def written(
-    builder: ir.IRBuilder, args: Sequence[ir.Value], values: Sequence[Expr], by: Sequence[Any], given: tuple[Sequence[Any], ...]
-) -> None:  # fmt: skip
+    builder: ir.IRBuilder,
+    args: Sequence[ir.Value],
+    values: Sequence[Expr],
+    by: Sequence[Any],
+    given: tuple[Sequence[Any], ...],
+) -> None:
     """A block that writes values and derivatives into out."""
     used = set().union(*(one.free_symbols for one in values)) if values else set()
     known: dict[Expr, Value] = {}
@@ -277,11 +302,23 @@ def carried(out, below, first, width, s, rows):
                 rows[a, b] += by * s[q, b]
 
 
-INTEGRATOR = types.Tuple((types.Array(types.float64, 2, "C"), types.Array(types.float64, 3, "C"), types.Array(types.float64, 2, "C")))(
-    types.int64, VECTOR, types.Array(types.float64, 2, "C"), types.Array(types.float64, 2, "C"),
-    types.Array(types.boolean, 1, "C"), VECTOR, types.float64, types.float64, types.int64, types.int64, types.int64,
-    types.boolean, types.boolean,
-)  # fmt: skip
+INTEGRATOR = types.Tuple(
+    (types.Array(types.float64, 2, "C"), types.Array(types.float64, 3, "C"), types.Array(types.float64, 2, "C"))
+)(
+    types.int64,
+    VECTOR,
+    types.Array(types.float64, 2, "C"),
+    types.Array(types.float64, 2, "C"),
+    types.Array(types.boolean, 1, "C"),
+    VECTOR,
+    types.float64,
+    types.float64,
+    types.int64,
+    types.int64,
+    types.int64,
+    types.boolean,
+    types.boolean,
+)
 
 
 @numba.njit(INTEGRATOR, cache=True)

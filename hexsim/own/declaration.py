@@ -87,9 +87,20 @@ from hexsim.readers.mapping import Section
 
 Scheme = Literal["rk4", "heun", "euler"]
 Quantity = Literal[
-    "force", "torque", "velocity", "speed", "position", "angle", "pressure", "flow", "level", "current", "voltage",
-    "temperature", "signal",
-]  # fmt: skip
+    "force",
+    "torque",
+    "velocity",
+    "speed",
+    "position",
+    "angle",
+    "pressure",
+    "flow",
+    "level",
+    "current",
+    "voltage",
+    "temperature",
+    "signal",
+]
 MOST = 64  # states, parameters, outputs, elements, effects: each
 
 

@@ -24,7 +24,6 @@ from hexsim.own.formulas import expression, names_of, tree_of
 
 Array = np.ndarray
 Tables = TypeVar("Tables", bound=ModelTables)
-BEGIN = 0.1  # of an amplitude's scale: where a search begins
 FORMULAS = ("adds", "elsewhere", "forwards", "backwards", "becomes", "storage")
 
 
@@ -74,9 +73,9 @@ class Candidate:
 
     @property
     def begin(self) -> dict[str, float]:
-        """Where a search with it begins: amplitudes a little off 0 on their side."""
+        """Where a search with it begins: amplitudes a tenth of their scale off 0, on their side."""
         tables = {name: self.numbers[name] for name in self.amplitude}
-        return {name: BEGIN * (table.scale or 1.0) * (table.sign or 1) for name, table in tables.items()}
+        return {name: 0.1 * (table.scale or 1.0) * (table.sign or 1) for name, table in tables.items()}
 
     @property
     def shapes(self) -> Array:
@@ -124,9 +123,11 @@ def places(row: EffectRow, tables: ModelTables, inputs: Iterable[str]) -> list[t
     if row.on is not None and row.on not in tables.states:
         raise HexsimError(f"[[effects]] {row.name}: on = {row.on!r} is no state; there are {', '.join(tables.states)}")
     fits = [
-        name for name, state in tables.states.items()
-        if name == row.on or (row.on is None and state.quantity in row.of and state.quantity is not None and of_state(row, tables, name))
-    ]  # fmt: skip
+        name
+        for name, state in tables.states.items()
+        if name == row.on
+        or (row.on is None and state.quantity in row.of and state.quantity is not None and of_state(row, tables, name))
+    ]
     if needs(row, "{place}") or (needs(row, "{curve}") and (not row.over or "{place}" in row.over)):
         fits = [name for name in fits if place_of(name, tables)]
     if not needs(row, "{other}") and row.elsewhere is None:
@@ -162,8 +163,19 @@ def place_of(name: str, tables: ModelTables) -> str | None:
     )
 
 
-UNITS = {"force": "N", "torque": "N m", "pressure": "Pa", "flow": "m3/s", "level": "m", "voltage": "V", "current": "A",
-         "position": "m", "velocity": "m/s", "angle": "rad", "speed": "rad/s"}  # fmt: skip
+UNITS = {
+    "force": "N",
+    "torque": "N m",
+    "pressure": "Pa",
+    "flow": "m3/s",
+    "level": "m",
+    "voltage": "V",
+    "current": "A",
+    "position": "m",
+    "velocity": "m/s",
+    "angle": "rad",
+    "speed": "rad/s",
+}
 
 
 def known_unit(tables: ModelTables, name: str) -> str:
@@ -180,9 +192,11 @@ def with_units(unit: str, tables: ModelTables, on: str, what: str) -> str:
     """A unit of S, X, P, Y in those of the place; empty where one of them is not declared."""
     state, own = tables.states.get(on) if what == "sum" else None, known_unit(tables, on)
     sizes = {
-        "S": UNITS.get(state.quantity or "", "") if state else "", "X": own, "Y": own,
+        "S": UNITS.get(state.quantity or "", "") if state else "",
+        "X": own,
+        "Y": own,
         "P": known_unit(tables, place_of(on, tables) or on),
-    }  # fmt: skip
+    }
     if not all(sizes[one] for one in SIZE.findall(unit)):
         return ""
     return SIZE.sub(lambda one: f"({sizes[one[0]]})" if "/" in sizes[one[0]] else sizes[one[0]], unit)
@@ -244,10 +258,19 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
         begins = row.memory.start if tables.simulation.anew_s is None else None  # a number of the run, not of its parts
         made = (memory, row.memory.changed(fill).model_copy(update={"start": begins}))
     base = Candidate(
-        name=row.name, on=on, what=row.what, other=other, formulas=formulas, numbers=numbers, amplitude=tuple(amplitude),
-        memory=made, switch=switch, curve=(named, curve) if curve else None, rival=row.rival,
+        name=row.name,
+        on=on,
+        what=row.what,
+        other=other,
+        formulas=formulas,
+        numbers=numbers,
+        amplitude=tuple(amplitude),
+        memory=made,
+        switch=switch,
+        curve=(named, curve) if curve else None,
+        rival=row.rival,
         corners=(row.corners,) * max(len(row.over), 1),
-    )  # fmt: skip
+    )
     return [base, *tried(row, base, rename, sizes)]
 
 
@@ -273,8 +296,9 @@ def curve_of(
     """
     hats = [
         [f"max(0, 1 - abs({place} - ({middle - half + k * width:.7g})) / {width:.7g})" for k in range(count)]
-        for place, middle, half in spans for width in [2.0 * half / (count - 1)]
-    ]  # fmt: skip
+        for place, middle, half in spans
+        for width in [2.0 * half / (count - 1)]
+    ]
     names = [f"{name}_{k + 1}" for k in range(count ** len(spans) - 1)]
     numbers = {one: table_of(number, sizes, neutral=True, where=name) for one in names}
     return surface([*names, f"-({' + '.join(names)})"], hats), numbers
@@ -299,8 +323,9 @@ def table_of(number: EffectNumber, sizes: Sizes, *, neutral: bool, where: str) -
     if start is not None:  # a run of few samples: a start in samples may be beyond a bound in durations
         low = low if low is None else min(low, start)
         high = high if high is None else max(high, start)
-    return ParameterTable(start=start, low=low, high=high, scale=value(number.scale) or None,
-                          sign=number.sign, unit=number.unit)  # fmt: skip
+    return ParameterTable(
+        start=start, low=low, high=high, scale=value(number.scale) or None, sign=number.sign, unit=number.unit
+    )
 
 
 def value_of(text: float | str, sizes: Sizes, where: str) -> float:
@@ -369,8 +394,10 @@ def at_input(tables: Tables, candidate: Candidate) -> Tables:
     outputs = {
         name: table.model_copy(update={"formula": swap(table.formula)}) for name, table in tables.outputs.items()
     }
-    constants = {name: swap(text) if isinstance(text, str) and not name.startswith(f"{candidate.on}__") else text
-                 for name, text in tables.constants.items()}  # fmt: skip
+    constants = {
+        name: swap(text) if isinstance(text, str) and not name.startswith(f"{candidate.on}__") else text
+        for name, text in tables.constants.items()
+    }
     if candidate.curve:
         constants[candidate.curve[0]] = replaced(candidate.curve[1], candidate.on, old)
     constants[acts] = replaced(candidate.formulas["becomes"], candidate.on, old)

@@ -52,7 +52,9 @@ ELEMENTS: dict[str, Element] = {
         after="max(({of}) - 0.5 * ({width}), min(({of}) + 0.5 * ({width}), {state}))",
         start="{of}",
     ),
-    "dead_band": Element(keys={"lower": None, "upper": None}, gives="max(({of}) - ({upper}), 0) - max(({lower}) - ({of}), 0)"),
+    "dead_band": Element(
+        keys={"lower": None, "upper": None}, gives="max(({of}) - ({upper}), 0) - max(({lower}) - ({of}), 0)"
+    ),
     "dahl": Element(
         keys={"coulomb": None, "stiffness": None},
         after="sign({of}) * ({coulomb}) + ({state} - sign({of}) * ({coulomb})) * "
@@ -68,7 +70,7 @@ ELEMENTS: dict[str, Element] = {
         keys={"alpha": None, "beta": "1", "gamma": None, "delta": None},
         rate="({alpha}) * ({of}) - ({beta}) * (({gamma}) * abs({of}) * {state} + ({delta}) * ({of}) * abs({state}))",
     ),
-}  # fmt: skip
+}
 SLIDING = "(({coulomb}) + (({static}) - ({coulomb})) * exp(-(({of}) / ({stribeck}))**2))"
 
 
@@ -98,8 +100,10 @@ def keys_of(table: MemoryTable, place: str) -> dict[str, str]:
     unknown = [key for key in extra if key not in element.keys]
     missing = [key for key, default in element.keys.items() if default is None and key not in extra]
     if unknown or missing:
-        raise HexsimError(f"{place}: {table.kind} has the keys {', '.join(('of', *element.keys))}; "
-                          + (f"{unknown[0]!r} is none" if unknown else f"{missing[0]} is missing"))  # fmt: skip
+        raise HexsimError(
+            f"{place}: {table.kind} has the keys {', '.join(('of', *element.keys))}; "
+            + (f"{unknown[0]!r} is none" if unknown else f"{missing[0]} is missing")
+        )
     return {"of": table.of} | {key: str(extra.get(key, default)) for key, default in element.keys.items()}
 
 

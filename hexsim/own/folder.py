@@ -68,9 +68,13 @@ def load_simulated(folder: Path, fit: Sequence[str] = (), validate: Sequence[str
     logs, held_out = ([averaged(log, asked.simulation.average_s) for log in part] for part in read)
     columns = set.intersection(*(set(log.columns) for log in (*logs, *held_out)))
     return OwnFolder(
-        name=asked.name or folder.resolve().name, where=where, declaration=asked, model=model_of(asked, where, columns),
-        fit=tuple(logs), validate=tuple(held_out),
-    )  # fmt: skip
+        name=asked.name or folder.resolve().name,
+        where=where,
+        declaration=asked,
+        model=model_of(asked, where, columns),
+        fit=tuple(logs),
+        validate=tuple(held_out),
+    )
 
 
 def averaged(log: Log, over_s: float | None) -> Log:
@@ -85,9 +89,13 @@ def averaged(log: Log, over_s: float | None) -> Log:
         )
     mean = lambda values: values[: n * count].reshape(n, count).mean(axis=1)  # noqa: E731
     return replace(
-        log, time=mean(log.time), rate=log.rate / count, columns={name: mean(values) for name, values in log.columns.items()},
-        repaired={name: mean(values) > 0.0 for name, values in log.repaired.items()}, weights={},
-    )  # fmt: skip
+        log,
+        time=mean(log.time),
+        rate=log.rate / count,
+        columns={name: mean(values) for name, values in log.columns.items()},
+        repaired={name: mean(values) > 0.0 for name, values in log.repaired.items()},
+        weights={},
+    )
 
 
 def logs_of(

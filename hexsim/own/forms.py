@@ -18,13 +18,10 @@ from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTa
 from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of
 
 STANDARD = (0.5, 1.0, 1.5, 2.0, 3.0)  # exponents of laws: roots, areas, weirs and contacts, kinetic pressure, cubes
-HALF_WAVES = 25  # over the range of a signal, of the finest sine that is tried
 KNEES = (-0.6, -0.3, 0.0, 0.3, 0.6)  # of half the range: starts of a knee
 WIDTHS = (0.05, 0.2, 0.6)  # of half the range: starts of tanh's width
 EXPONENTS = (0.7, 1.3, 1.7, 2.5)  # starts of a fitted exponent
-FIRST_LATE = 2.0  # samples: shortest time constant by which a memory is looked for; the longest is a tenth of a run
 PLAYS = (0.1, 0.25, 0.5, 1.0, 1.5)  # widths, of half the range of a place; 2 would never be filled
-LATER = 3.0  # from one time constant to the next: a lag between two differs from one of them by 0.27 at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,34 +77,59 @@ def side_of(s: Signal) -> Iterator[Factor]:
         yield Factor(kind=f"sign({s.name})", text=f"sign({s.name})", size=1.0)
 
 
-def sines(s: Signal) -> Iterator[Factor]:
-    for k in range(1, HALF_WAVES + 1):
+def sines(
+    s: Signal,
+    *,
+    half_waves: int = 25,  # over the range of a signal, of the finest sine that is tried
+) -> Iterator[Factor]:
+    for k in range(1, half_waves + 1):
         wave = EffectNumber(start=0.5 * math.pi * k / s.half, low=0.0, scale=0.05 / s.half, unit=f"rad/{s.unit}")
         yield Factor(
-            kind=f"sin(k * {s.name})", text=f"sin(form_wave * {s.name})", twin=f"cos(form_wave * {s.name})", size=0.7,
-            numbers={"form_wave": wave}, start=f"wave {k}",
-        )  # fmt: skip
+            kind=f"sin(k * {s.name})",
+            text=f"sin(form_wave * {s.name})",
+            twin=f"cos(form_wave * {s.name})",
+            size=0.7,
+            numbers={"form_wave": wave},
+            start=f"wave {k}",
+        )
 
 
 def bends(s: Signal) -> Iterator[Factor]:
     """tanh, a knee, and a fitted exponent."""
     for w in () if s.positive else WIDTHS:
         width = EffectNumber(start=w * s.half, low=1e-3 * s.half, high=10.0 * s.half, scale=0.1 * s.half, unit=s.unit)
-        yield Factor(kind=f"tanh({s.name} / w)", text=f"tanh({s.name} / form_width)", size=0.7,
-                     numbers={"form_width": width}, start=f"width {w}")  # fmt: skip
+        yield Factor(
+            kind=f"tanh({s.name} / w)",
+            text=f"tanh({s.name} / form_width)",
+            size=0.7,
+            numbers={"form_width": width},
+            start=f"width {w}",
+        )
     for c, up in itertools.product(KNEES, (True, False)):
-        knee = EffectNumber(start=s.middle + c * s.half, low=s.middle - s.half, high=s.middle + s.half,
-                            scale=0.1 * s.half, unit=s.unit)  # fmt: skip
+        knee = EffectNumber(
+            start=s.middle + c * s.half, low=s.middle - s.half, high=s.middle + s.half, scale=0.1 * s.half, unit=s.unit
+        )
         kind = f"max({s.name} - c, 0)" if up else f"max(c - {s.name}, 0)"
         text = kind.replace("c -", "form_knee -").replace("- c", "- form_knee")
-        yield Factor(kind=kind, text=text, size=0.5 * s.half, unit=s.unit, numbers={"form_knee": knee},
-                     never_negative=True, start=f"knee {c}")  # fmt: skip
+        yield Factor(
+            kind=kind,
+            text=text,
+            size=0.5 * s.half,
+            unit=s.unit,
+            numbers={"form_knee": knee},
+            never_negative=True,
+            start=f"knee {c}",
+        )
     whole, ways = list(powers(s, STANDARD)), 1 if s.positive else 2
     odd, even = ({p: whole[ways * k + j].kind for k, p in enumerate(STANDARD)} for j in (0, ways - 1))
     for n in EXPONENTS:
         exponent = EffectNumber(start=n, low=0.0, high=8.0, scale=0.3, unit="1")
-        known = {"size": s.size**n, "unit": f"{s.unit}^n", "numbers": {"form_exponent": exponent},
-                 "start": f"exponent {n}"}  # fmt: skip
+        known = {
+            "size": s.size**n,
+            "unit": f"{s.unit}^n",
+            "numbers": {"form_exponent": exponent},
+            "start": f"exponent {n}",
+        }
         text = f"abs({s.name})**form_exponent"
         yield Factor(kind=f"abs({s.name})**n", text=text, never_negative=True, standard=even, **known)
         if not s.positive:
@@ -221,8 +243,15 @@ def forms(tables: ModelTables, inputs: Sequence[str], sizes: Callable[[str, str]
 
 
 def made(
-    tables: ModelTables, factors: Sequence[Factor], on: str, what: str, sizes: Sizes, size: float, unit: str, length: float
-) -> list[Form]:  # fmt: skip
+    tables: ModelTables,
+    factors: Sequence[Factor],
+    on: str,
+    what: str,
+    sizes: Sizes,
+    size: float,
+    unit: str,
+    length: float,
+) -> list[Form]:
     row = row_of(factors, on, what, size, unit)
     if row is None:
         return []
@@ -249,12 +278,23 @@ def as_effect(form: Form, fitted: Mapping[str, float]) -> dict[str, Any]:
 
 def signal_of(tables: ModelTables, name: str, sizes: Sizes, what: str) -> Signal:
     half, middle = (sizes.H, sizes.C) if what == "sum" else (sizes.P, sizes.M)
-    return Signal(name=name, unit=known_unit(tables, name) or f"[{name}]", size=sizes.X if what == "sum" else sizes.Y,
-                  middle=middle, half=half or 1.0)  # fmt: skip
+    return Signal(
+        name=name,
+        unit=known_unit(tables, name) or f"[{name}]",
+        size=sizes.X if what == "sum" else sizes.Y,
+        middle=middle,
+        half=half or 1.0,
+    )
 
 
 def memories(
-    tables: ModelTables, effect: Candidate, fitted: Mapping[str, float], sizes: Callable[[str, str], Sizes]
+    tables: ModelTables,
+    effect: Candidate,
+    fitted: Mapping[str, float],
+    sizes: Callable[[str, str], Sizes],
+    *,
+    first_samples: float = 2.0,  # samples: shortest time constant by which a memory is looked for; the longest is a tenth of a run
+    later_ratio: float = 3.0,  # from one time constant to the next: a lag between two differs from one of them by 0.27 at most
 ) -> list[list[Candidate]]:
     """What follows the effect or a signal of its sum late, damps by what was, or plays over the place: each with every time constant or
     width. A force that remembers is in none of its signals."""
@@ -270,8 +310,8 @@ def memories(
     if text is not None and effect.memory is None and effect.curve is None:
         values = {name: f"({float(fitted[name])!r})" for name in effect.numbers}
         asked.append((effect.name, with_values(text, values), "{memory}", 1.0 / own.S))
-    count = max(int(math.log(0.1 * own.D / (FIRST_LATE * own.T)) / math.log(LATER)), 0) + 1
-    late = [{"kind": "lag", "time_s": FIRST_LATE * own.T * LATER**k} for k in range(count)]
+    count = max(int(math.log(0.1 * own.D / (first_samples * own.T)) / math.log(later_ratio)), 0) + 1
+    late = [{"kind": "lag", "time_s": first_samples * own.T * later_ratio**k} for k in range(count)]
     kinds = [(name, adds, scale, [{"of": of, **one} for one in late]) for name, of, adds, scale in asked]
     if at is not None:
         plays = [{"kind": "backlash", "of": at, "width": width * own.P} for width in PLAYS]
@@ -286,9 +326,12 @@ def some_memory(
     tables: ModelTables, on: str, name: str, adds: str, scale: float, memory: dict, own: Sizes, k: int
 ) -> Candidate:
     row = EffectRow(
-        name=f"some memory of {name}"[:80], on=on, adds=f"form_late * {adds}", memory=MemoryTable.model_validate(memory),
+        name=f"some memory of {name}"[:80],
+        on=on,
+        adds=f"form_late * {adds}",
+        memory=MemoryTable.model_validate(memory),
         parameters={"form_late": EffectNumber(scale=0.05 * own.S * scale)},
-    )  # fmt: skip
+    )
     return replace(candidates(row, on, None, tables, own)[0], shape=f"{k + 1}")
 
 

@@ -17,7 +17,6 @@ import sympy
 from hexsim.errors import HexsimError
 
 LONGEST = 4000  # characters of a formula
-MOST_LEVELS = 200  # of brackets and operators in each other; a sum of n terms has n
 MOST_NODES = 4000  # of a formula with the formulas it names put in
 DEEPEST = 10  # formulas that name formulas
 Expr = Any  # of sympy, whose stubs know less than sympy does
@@ -118,13 +117,28 @@ def smaller(a: Expr, b: Expr) -> Expr:
 
 
 FUNCTIONS: dict[str, tuple[int, Callable[..., Expr]]] = {
-    "abs": (1, size), "sign": (1, side), "step": (1, step), "sqrt": (1, lambda x: root(positive(x))), "root": (1, root),
-    "exp": (1, sympy.exp), "log": (1, logarithm), "tanh": (1, sympy.tanh), "sin": (1, sympy.sin), "cos": (1, sympy.cos),
-    "min": (2, smaller), "max": (2, larger),
-}  # fmt: skip
+    "abs": (1, size),
+    "sign": (1, side),
+    "step": (1, step),
+    "sqrt": (1, lambda x: root(positive(x))),
+    "root": (1, root),
+    "exp": (1, sympy.exp),
+    "log": (1, logarithm),
+    "tanh": (1, sympy.tanh),
+    "sin": (1, sympy.sin),
+    "cos": (1, sympy.cos),
+    "min": (2, smaller),
+    "max": (2, larger),
+}
 
 
-def tree_of(text: str, where: str, functions: Iterable[str] = FUNCTIONS) -> ast.expr:
+def tree_of(
+    text: str,
+    where: str,
+    functions: Iterable[str] = FUNCTIONS,
+    *,
+    most_levels: int = 200,  # of brackets and operators in each other; a sum of n terms has n
+) -> ast.expr:
     """The checked tree of a formula: numbers, names, + - * / ** and these functions. Raises HexsimError for anything else."""
     if len(text) > LONGEST:
         raise HexsimError(f"{where}: a formula of {len(text)} characters; at most {LONGEST}: give parts of it a name")
@@ -136,8 +150,8 @@ def tree_of(text: str, where: str, functions: Iterable[str] = FUNCTIONS) -> ast.
         raise HexsimError(
             f"{where}: {text[:60]!r} is no formula; write for example 'abs(velocity_m_s) * velocity_m_s'"
         ) from None
-    if levels > MOST_LEVELS:
-        raise HexsimError(f"{where}: a formula of {levels} levels; at most {MOST_LEVELS}: give parts of it a name")
+    if levels > most_levels:
+        raise HexsimError(f"{where}: a formula of {levels} levels; at most {most_levels}: give parts of it a name")
     for node in nodes:
         check(node, where, tuple(functions))
     return tree
@@ -157,8 +171,10 @@ def check(node: ast.AST, where: str, functions: tuple[str, ...]) -> None:
         name = node.func.id if isinstance(node.func, ast.Name) else "?"
         count = FUNCTIONS[name][0] if name in FUNCTIONS else 1
         if name not in functions or node.keywords or len(node.args) != count:
-            raise HexsimError(f"{where}: {name[:40]} is no function of a formula, or has other arguments; there are "
-                              f"{', '.join(functions)}")  # fmt: skip
+            raise HexsimError(
+                f"{where}: {name[:40]} is no function of a formula, or has other arguments; there are "
+                f"{', '.join(functions)}"
+            )
     elif isinstance(node, ast.Constant):
         if not isinstance(node.value, int | float) or isinstance(node.value, bool) or not finite(node.value):
             raise HexsimError(f"{where}: {str(node.value)[:40]!r} is no finite number")
@@ -169,8 +185,9 @@ def check(node: ast.AST, where: str, functions: tuple[str, ...]) -> None:
         if not isinstance(node.op, ast.USub | ast.UAdd):
             raise HexsimError(f"{where}: only a sign may stand before a number or a name")
     elif not isinstance(node, ast.Name | ast.Load | ast.operator | ast.unaryop):
-        raise HexsimError(f"{where}: a formula has numbers, names, + - * / ** and functions, not "
-                          f"{ast.unparse(node)[:60]!r}")  # fmt: skip
+        raise HexsimError(
+            f"{where}: a formula has numbers, names, + - * / ** and functions, not {ast.unparse(node)[:60]!r}"
+        )
 
 
 def finite(value: int | float) -> bool:

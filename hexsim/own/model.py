@@ -81,10 +81,16 @@ def number_of(name: str, table: ParameterTable, where: str) -> Number:
         raise HexsimError(f"{where} [parameters.{name}]: start {start:g} is outside {low:g} to {high:g}")
     span = high - low if math.isfinite(high - low) else 1.0
     return Number(
-        name=name, start=start, low=low, high=high, unit=table.unit, of_run=table.each == "run",
-        mean=math.nan if table.declared is None else table.declared, sd=table.uncertainty or math.nan,
+        name=name,
+        start=start,
+        low=low,
+        high=high,
+        unit=table.unit,
+        of_run=table.each == "run",
+        mean=math.nan if table.declared is None else table.declared,
+        sd=table.uncertainty or math.nan,
         scale=table.scale or table.uncertainty or (abs(start) if start else span),
-    )  # fmt: skip
+    )
 
 
 class Resolver:
@@ -141,8 +147,9 @@ def model_of(tables: ModelTables, where: str, columns: set[str] | None = None) -
     observed = [resolver.of(table.formula, f"[outputs.{name}]") for name, table in tables.outputs.items()]
     delays = {
         name: resolver.of(table.delay, f"[signals.{name}] delay")
-        for name, table in tables.signals.items() if table.delay
-    }  # fmt: skip
+        for name, table in tables.signals.items()
+        if table.delay
+    }
     numbers = [number_of(name, table, where) for name, table in tables.parameters.items()]
     starts, firsts, free = starts_of(resolver, states, where)
     if columns is not None:
@@ -156,12 +163,21 @@ def model_of(tables: ModelTables, where: str, columns: set[str] | None = None) -
     used = set().union(*(one.free_symbols for one in (*rates, *after, *observed, *delays.values())))
     numbers = [replace(one, local=one.of_run or resolver.symbols[one.name] not in used) for one in numbers]
     return Model(
-        states=tuple(states), numbers=(*numbers, *free), inputs=inputs, outputs=tuple(tables.outputs), firsts=tuple(firsts),
-        symbols=resolver.symbols, rates=tuple(rates), after=tuple(after), observed=tuple(observed), starts=tuple(starts),
+        states=tuple(states),
+        numbers=(*numbers, *free),
+        inputs=inputs,
+        outputs=tuple(tables.outputs),
+        firsts=tuple(firsts),
+        symbols=resolver.symbols,
+        rates=tuple(rates),
+        after=tuple(after),
+        observed=tuple(observed),
+        starts=tuple(starts),
         delays={name: value for name, value in delays.items() if name in inputs},
         noises=tuple(table.noise or math.nan for table in tables.outputs.values()),
-        held=tuple(name in tables.signals and tables.signals[name].hold for name in inputs), tables=tables,
-    )  # fmt: skip
+        held=tuple(name in tables.signals and tables.signals[name].hold for name in inputs),
+        tables=tables,
+    )
 
 
 def check_names(tables: ModelTables, where: str) -> None:
@@ -254,8 +270,16 @@ def starts_of(
     for name, state in states.items():
         place = f"{where} [states.{name}] start"
         if state.start == FREE:
-            start = Number(name=START + name, start=state.guess, low=-math.inf, high=math.inf,
-                           scale=abs(state.guess) or 1.0, unit=state.unit, of_run=True, local=True)  # fmt: skip
+            start = Number(
+                name=START + name,
+                start=state.guess,
+                low=-math.inf,
+                high=math.inf,
+                scale=abs(state.guess) or 1.0,
+                unit=state.unit,
+                of_run=True,
+                local=True,
+            )
             resolver.symbols[start.name] = sympy.Symbol(start.name, real=True)
             free.append(start)
             made: Expr = resolver.symbols[start.name]

@@ -15,8 +15,6 @@ from hexsim.own.simulate import FreeRun, Record, Simulator, records_of
 from hexsim.signals.log import Log
 
 Array = np.ndarray
-FOLDS = 4  # parts of the motion, each held out once
-DRAWN = 0.3  # of a number's scale: spread of further starts of a search
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,10 +51,14 @@ class OwnProblem:
         of_run = any(number.of_run and number.name not in begins for number in model.numbers)
         self.pieces = pieces_of(self.records, of_run)
         self.stretches = [
-            Stretch(name=self.records[piece.record].name, group=piece.group, dt=self.records[piece.record].dt,
-                    weight=self.records[piece.record].weight[piece.samples])
+            Stretch(
+                name=self.records[piece.record].name,
+                group=piece.group,
+                dt=self.records[piece.record].dt,
+                weight=self.records[piece.record].weight[piece.samples],
+            )
             for piece in self.pieces
-        ]  # fmt: skip
+        ]
         self._kept: dict[tuple[int, bool], tuple[bytes, FreeRun]] = {}
 
     def free_run(self, record: int, theta: Array, slopes: bool = False) -> FreeRun:
@@ -88,7 +90,12 @@ class OwnProblem:
         return found
 
 
-def pieces_of(records: Sequence[Record], of_run: bool) -> list[Piece]:
+def pieces_of(
+    records: Sequence[Record],
+    of_run: bool,
+    *,
+    n_folds: int = 4,  # parts of the motion, each held out once
+) -> list[Piece]:
     """Stretches and what is held out together: runs where there are two or more, else parts in time of the one run (and of every run
     where runs have numbers of their own)."""
     runs = list(dict.fromkeys(record.run for record in records))
@@ -96,14 +103,16 @@ def pieces_of(records: Sequence[Record], of_run: bool) -> list[Piece]:
     for run in runs:
         own = [k for k, record in enumerate(records) if record.run == run]
         by_run = len(runs) > 1 and not of_run
-        if by_run or len(own) >= FOLDS:
+        if by_run or len(own) >= n_folds:
             for j, k in enumerate(own):
-                part = runs.index(run) % FOLDS if by_run else j * FOLDS // len(own)
+                part = runs.index(run) % n_folds if by_run else j * n_folds // len(own)
                 found.append(Piece(record=k, samples=slice(None), group=f"part {part + 1}"))
             continue
         for k in own:
             seen = np.flatnonzero(records[k].weight.any(axis=1))
-            cuts = np.linspace(seen[0], seen[-1] + 1, FOLDS + 1).astype(int) if len(seen) else np.zeros(FOLDS + 1, int)
+            cuts = (
+                np.linspace(seen[0], seen[-1] + 1, n_folds + 1).astype(int) if len(seen) else np.zeros(n_folds + 1, int)
+            )
             found += [
                 Piece(record=k, samples=slice(a, b), group=f"part {j + 1}")
                 for j, (a, b) in enumerate(zip(cuts[:-1], cuts[1:], strict=True))
@@ -119,13 +128,20 @@ def problem_of(model: Model, logs: Sequence[Log], where: str) -> OwnProblem:
     return OwnProblem(Simulator(model), records)
 
 
-def fit_own(problem: OwnProblem, seed: int = 0) -> Fit:
+def fit_own(
+    problem: OwnProblem,
+    seed: int = 0,
+    *,
+    drawn_share: float = 0.3,  # of a number's scale: spread of further starts of a search
+) -> Fit:
     """The numbers of a model, from several starts where its file asks for them."""
     settings = problem.simulator.model.tables.simulation
     by_error = settings.fit_by == "error"
     best, rng = fit(problem, by_error=by_error), np.random.default_rng(seed)
     for _ in range(settings.starts - 1):
-        start = np.array([number.start + DRAWN * number.scale * rng.standard_normal() for number in problem.numbers])
+        start = np.array(
+            [number.start + drawn_share * number.scale * rng.standard_normal() for number in problem.numbers]
+        )
         made = fit(problem, begin=start, by_error=by_error)
         best = made if made.cost < best.cost else best
     return best

@@ -26,7 +26,6 @@ from hexsim.recording.quantity import quantity
 from hexsim.recording.zoom import Curve, Panel, zoomable
 from hexsim.signals.log import Log
 
-MOST_POINTS = 4000
 Array = np.ndarray
 
 
@@ -85,15 +84,18 @@ def report_of(folder: OwnFolder, fitted: Fit, rms: Mapping[str, Mapping[str, flo
         "machine": folder.name,
         "numbers": {
             name: {
-                "value": float(value), "standard_error": float(error), "unit": declared[name].unit if name in declared else "",
-                "declared": declared[name].declared if name in declared else None, "at_bound": name in ends,
+                "value": float(value),
+                "standard_error": float(error),
+                "unit": declared[name].unit if name in declared else "",
+                "declared": declared[name].declared if name in declared else None,
+                "at_bound": name in ends,
             }
             for name, value, error in zip(fitted.names, fitted.theta, fitted.errors, strict=True)
         },
         "runs": {
             run: {"held_out": run in held_out, "rms": dict(of_output), "unit": units} for run, of_output in rms.items()
         },
-    }  # fmt: skip
+    }
 
 
 def page(
@@ -133,11 +135,15 @@ def sections(report: Mapping[str, Any], pictures: Sequence[Markup]) -> list[Sect
     every = report["numbers"].values()
     declared, bound = any(n["declared"] is not None for n in every), any(n["at_bound"] for n in every)
     numbers = [
-        (name, quantity(n["value"], n["unit"], 5), quantity(n["standard_error"], n["unit"], 2),
-         *([quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else ""] if declared else []),
-         *(["at its bound" if n["at_bound"] else ""] if bound else []))
+        (
+            name,
+            quantity(n["value"], n["unit"], 5),
+            quantity(n["standard_error"], n["unit"], 2),
+            *([quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else ""] if declared else []),
+            *(["at its bound" if n["at_bound"] else ""] if bound else []),
+        )
         for name, n in report["numbers"].items()
-    ]  # fmt: skip
+    ]
     of_runs = table(["run", Column("", "text"), Column("output", "text"), "rms of the residual"], runs)
     heads = [
         "number",
@@ -161,10 +167,17 @@ SEEN = "Measured, and simulated from the inputs and the first samples alone."
 
 
 @styled
-def residual(run: str, output: str, unit: str, table: pl.DataFrame) -> Figure:
+def residual(
+    run: str,
+    output: str,
+    unit: str,
+    table: pl.DataFrame,
+    *,
+    most_points: int = 4000,  # of a curve: more than a page has pixels
+) -> Figure:
     """Measured and simulated output of a run, and what is left."""
     time, measured, free = (table[name].to_numpy() for name in ("time_s", output, f"simulated_{output}"))
-    thin = slice(None, None, max(len(time) // MOST_POINTS, 1))
+    thin = slice(None, None, max(len(time) // most_points, 1))
     figure, (upper, lower) = new_figure(2, f"{output} of {run}", height=4.4)
     upper.plot(time[thin], measured[thin], color="0.4", label="measured")
     upper.plot(time[thin], free[thin], color="#1f5fa8", label="simulated")

@@ -9,14 +9,12 @@ import sympy
 from scipy.interpolate import CubicSpline
 
 from hexsim.errors import HexsimError
-from hexsim.own.compiled import STARTS, Equations, integrated
+from hexsim.own.compiled import Equations, What, integrated
 from hexsim.own.model import Model
 from hexsim.signals.log import Log
 
 Array = np.ndarray
 STAGES = {"rk4": 4, "heun": 2, "euler": 1}
-PARABOLA = 6  # samples
-DELAY_STEP = 0.25  # samples, of the difference quotient by a number that a delay depends on
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,20 +90,35 @@ def records_of(model: Model, log: Log, where: str, whole: bool = False) -> list[
             first(log.columns[column][part], 1.0 / log.rate, function, settings.first_samples)
             for function, column in model.firsts
         ]
-        found.append(Record(
-            name=log.name if count == 1 else f"{log.name} {k + 1}", run=log.name, time=since[part], dt=1.0 / log.rate,
-            inputs=np.ascontiguousarray(inputs[part]), measured=np.nan_to_num(measured[part]), weight=seen, firsts=np.array(firsts),
-        ))  # fmt: skip
+        found.append(
+            Record(
+                name=log.name if count == 1 else f"{log.name} {k + 1}",
+                run=log.name,
+                time=since[part],
+                dt=1.0 / log.rate,
+                inputs=np.ascontiguousarray(inputs[part]),
+                measured=np.nan_to_num(measured[part]),
+                weight=seen,
+                firsts=np.array(firsts),
+            )
+        )
     return found
 
 
-def first(y: Array, dt: float, function: str, count: int) -> float:
+def first(
+    y: Array,
+    dt: float,
+    function: str,
+    count: int,
+    *,
+    parabola_samples: int = 6,
+) -> float:
     """first: the value at the first sample, first_rate: the slope there, of a parabola through the first samples (a line through fewer
-    than PARABOLA, the sample itself where there is but one)."""
+    than `parabola_samples`, the sample itself where there is but one)."""
     y = y[: max(count, 2)]
     if count < 2 and function == "first":
         return float(y[0])
-    slope, value = np.polyfit(np.arange(len(y)) * dt, y, 2 if len(y) >= PARABOLA else 1)[-2:]
+    slope, value = np.polyfit(np.arange(len(y)) * dt, y, 2 if len(y) >= parabola_samples else 1)[-2:]
     return float(slope if function == "first_rate" else value)
 
 
@@ -119,23 +132,32 @@ class Simulator:
         self.with_after = any(one != symbol for one, symbol in zip(model.after, symbols, strict=True))
         self.held = np.array(model.held, dtype=bool)
         self.delayed = [
-            k for k, number in enumerate(model.numbers)
+            k
+            for k, number in enumerate(model.numbers)
             if any(model.symbols[number.name] in delay.free_symbols for delay in model.delays.values())
-        ]  # fmt: skip
+        ]
 
     def starts(self, record: Record, p: Array) -> tuple[Array, Array]:
         """(x0, its derivatives by p (nx, np))."""
         nx, count = len(self.model.states), len(p)
         out = np.zeros(nx + nx * count)
-        self.equations(STARTS, np.zeros(nx), record.firsts, p, out)
+        self.equations(What.STARTS, np.zeros(nx), record.firsts, p, out)
         return out[:nx].copy(), out[nx:].reshape(nx, count).copy()
 
-    def run(self, record: Record, p: Array, slopes: bool = False, start: Array | None = None) -> FreeRun:
+    def run(
+        self,
+        record: Record,
+        p: Array,
+        slopes: bool = False,
+        start: Array | None = None,
+        *,
+        delay_step: float = 0.25,  # samples, of the difference quotient by a number that a delay depends on
+    ) -> FreeRun:
         """Simulate a run with numbers p (np,), from its own start or from `start` (nx,)."""
         p = np.ascontiguousarray(p, dtype=float)
         free = self.at(record, p, slopes, start)
         for k in self.delayed if slopes else ():
-            change = DELAY_STEP * record.dt
+            change = delay_step * record.dt
             ahead, behind = p.copy(), p.copy()
             ahead[k] += change
             behind[k] -= change
@@ -149,9 +171,20 @@ class Simulator:
             x0, s0 = np.ascontiguousarray(start, dtype=float), np.zeros_like(s0)
         settings = self.model.tables.simulation
         y, jac, states = integrated(
-            self.equations.address, x0, s0, self.inputs(record, p), self.held, p, record.time[0], record.dt, settings.steps,
-            self.stages, len(self.model.outputs), self.with_after, slopes,
-        )  # fmt: skip
+            self.equations.address,
+            x0,
+            s0,
+            self.inputs(record, p),
+            self.held,
+            p,
+            record.time[0],
+            record.dt,
+            settings.steps,
+            self.stages,
+            len(self.model.outputs),
+            self.with_after,
+            slopes,
+        )
         return FreeRun(outputs=y, slopes=jac, states=states)
 
     def inputs(self, record: Record, p: Array) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import sympy
 
-from hexsim.own.compiled import RATES
+from hexsim.own.compiled import What
 from hexsim.own.declaration import ModelTables
 from hexsim.own.effects import Sizes, place_of
 from hexsim.own.model import Resolver
@@ -15,7 +15,6 @@ from hexsim.own.problem import OwnProblem
 from hexsim.own.simulate import FreeRun
 
 Array = np.ndarray
-SAMPLES = 400  # of which a typical size is taken
 
 
 def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable[[str, str], Sizes]:
@@ -33,21 +32,39 @@ def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable
         if what == "sum":
             at = place_of(name, tables) or name
             sums = sum_size(problem, theta, runs, name)
-            return Sizes(X=spread[name] or 1.0, S=sums or 1.0, P=half[at] or 1.0, M=middle[at],
-                         H=half[name] or 1.0, C=middle[name], **common)  # fmt: skip
+            return Sizes(
+                X=spread[name] or 1.0,
+                S=sums or 1.0,
+                P=half[at] or 1.0,
+                M=middle[at],
+                H=half[name] or 1.0,
+                C=middle[name],
+                **common,
+            )
         if what == "input":
             k = model.inputs.index(name)
             values = np.concatenate([record.inputs[:, k] for record in records])
         else:
             k = model.outputs.index(name)
             values = np.concatenate([record.measured[record.weight[:, k] > 0, k] for record in records])
-        return Sizes(Y=float(np.sqrt(np.mean(values**2))) or 1.0, P=0.5 * float(np.ptp(values)) or 1.0,
-                     M=0.5 * float(values.max() + values.min()), **common)  # fmt: skip
+        return Sizes(
+            Y=float(np.sqrt(np.mean(values**2))) or 1.0,
+            P=0.5 * float(np.ptp(values)) or 1.0,
+            M=0.5 * float(values.max() + values.min()),
+            **common,
+        )
 
     return of
 
 
-def sum_size(problem: OwnProblem, theta: Array, runs: Sequence[FreeRun], name: str) -> float:
+def sum_size(
+    problem: OwnProblem,
+    theta: Array,
+    runs: Sequence[FreeRun],
+    name: str,
+    *,
+    n_samples: int = 400,  # of which a typical size is taken
+) -> float:
     """Rms of storage times rate of a state along the runs."""
     model = problem.simulator.model
     k, count = model.states.index(name), len(model.numbers)
@@ -57,9 +74,9 @@ def sum_size(problem: OwnProblem, theta: Array, runs: Sequence[FreeRun], name: s
     for r, (record, free) in enumerate(zip(problem.records, runs, strict=True)):
         p = np.ascontiguousarray(theta[problem.columns[r]])
         inputs = problem.simulator.inputs(record, p)
-        for i in range(0, record.n, max(record.n * len(runs) // SAMPLES, 1)):
+        for i in range(0, record.n, max(record.n * len(runs) // n_samples, 1)):
             u = np.array([*inputs[i], record.time[i], record.dt])
-            problem.simulator.equations(RATES, np.tile(free.states[i], 2), u, p, out)
+            problem.simulator.equations(What.RATES, np.tile(free.states[i], 2), u, p, out)
             found.append(out[k])
     return float(np.sqrt(np.nanmean(np.square(found)))) * storage_of(problem, theta, name)
 

@@ -23,8 +23,7 @@ from hexsim.inference.notebook import Entry, Notebook
 from hexsim.signals.log import Log
 
 FILE = "own_trace_state.json"
-FORMAT = 1
-LARGEST_BYTES = 200e6  # of the file: some hundred fits of a hundred numbers
+FORMAT = 1  # of the file; another one is not read
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,12 +45,17 @@ class StateFile:
         self._writing = threading.Lock()
 
     @classmethod
-    def of(cls, place: Path) -> StateFile:
+    def of(
+        cls,
+        place: Path,
+        *,
+        most_bytes: float = 200e6,  # of the file: some hundred fits of a hundred numbers
+    ) -> StateFile:
         """What a folder holds. HexsimError where it cannot be read, or is of another version."""
         path = place / FILE
         try:
-            if path.stat().st_size > LARGEST_BYTES:
-                raise ValueError(f"more than {LARGEST_BYTES / 1e6:.0f} MB")
+            if path.stat().st_size > most_bytes:
+                raise ValueError(f"more than {most_bytes / 1e6:.0f} MB")
             told = json.loads(path.read_text(encoding="utf-8"))
             made_by = (told["format"], str(told["version"])[:20])
             if made_by != (FORMAT, __version__):
@@ -59,8 +63,14 @@ class StateFile:
                     f"{path} was written by hexsim {made_by[1]}, this is {__version__}: start the trace anew"
                 )
             asked = told["asked"]
-            found = cls(place, Asked(folder=text(asked["folder"]), fit=tuple(map(text, asked["fit"])),
-                                     validate=tuple(map(text, asked["validate"]))))  # fmt: skip
+            found = cls(
+                place,
+                Asked(
+                    folder=text(asked["folder"]),
+                    fit=tuple(map(text, asked["fit"])),
+                    validate=tuple(map(text, asked["validate"])),
+                ),
+            )
             found.hashes = {text(name): text(value) for name, value in told["hashes"].items()}
             found.entries = [Entry.of_json(own) for own in told["entries"]]
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
@@ -85,9 +95,12 @@ class StateFile:
 
     def _keep(self, entries: list[Entry]) -> None:
         told: dict[str, Any] = {
-            "format": FORMAT, "version": __version__, "asked": vars(self.asked), "hashes": self.hashes,
+            "format": FORMAT,
+            "version": __version__,
+            "asked": vars(self.asked),
+            "hashes": self.hashes,
             "entries": [own.to_json() for own in entries],
-        }  # fmt: skip
+        }
         with self._writing:
             write_text(self.path, json.dumps(told, allow_nan=False))
         self.entries = list(entries)

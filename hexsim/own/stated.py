@@ -10,7 +10,6 @@ from scipy.special import betaincinv
 
 from hexsim.inference.verdict import Judgment
 
-SURE = 0.95  # of the upper bound
 WORDS = {"name": "names alone", "tie": "ties", "formula": "formulas"}
 
 
@@ -25,9 +24,14 @@ def kind_of(step: Judgment) -> str:
     return "tie" if step.tied else "name"
 
 
-def at_most(wrong: int, of: int) -> float:
+def at_most(
+    wrong: int,
+    of: int,
+    *,
+    sure: float = 0.95,  # of the upper bound
+) -> float:
     """Upper bound of the chance (Clopper and Pearson 1934)."""
-    return float(betaincinv(wrong + 1, of - wrong, SURE)) if wrong < of else 1.0
+    return float(betaincinv(wrong + 1, of - wrong, sure)) if wrong < of else 1.0
 
 
 def stated(kind: str) -> str:

@@ -50,9 +50,11 @@ class OwnTrace:
 
 
 def trace_own(
-    folder: OwnFolder, tell: Callable[[str, float], None] = lambda step, share: None, notes: Notebook | None = None,
+    folder: OwnFolder,
+    tell: Callable[[str, float], None] = lambda step, share: None,
+    notes: Notebook | None = None,
     keep: Callable[[OwnTrace], None] = lambda trace: None,
-) -> OwnTrace:  # fmt: skip
+) -> OwnTrace:
     """Name what the folder's machine lacks. Raises HexsimError where it cannot be simulated. notes, keep: as in `search`."""
     machine = Simulated(folder)
     notes = notes or Notebook()
@@ -72,9 +74,14 @@ def traced(folder: OwnFolder, machine: Simulated, found: Found, formula: Formula
         for title, made in found.fits
     }
     return OwnTrace(
-        folder=folder, found=found, errors=errors, verdict=said(found, formula), remarks=changing(found.final),
-        declaration=machine.declared(found.in_model), formula=formula,
-    )  # fmt: skip
+        folder=folder,
+        found=found,
+        errors=errors,
+        verdict=said(found, formula),
+        remarks=changing(found.final),
+        declaration=machine.declared(found.in_model),
+        formula=formula,
+    )
 
 
 def said(found: Found, formula: Formula | None) -> str:
@@ -82,8 +89,9 @@ def said(found: Found, formula: Formula | None) -> str:
     stand_ins = {one.title for one in found.in_model} - {step.title for step in found.steps}
     likely = [
         one.title + (" (in the model, its form is open)" if one.title in stand_ins else "")
-        for one in found.refused if one.verdict == "likely"
-    ]  # fmt: skip
+        for one in found.refused
+        if one.verdict == "likely"
+    ]
     if found.steps:
         begin = f"named: {' + '.join(of_kinds(found.steps))}"
     else:
@@ -101,8 +109,9 @@ def of_kinds(steps: Sequence[Judgment]) -> Iterator[str]:
     for kind in dict.fromkeys(map(kind_of, steps)):
         titles = [
             step.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "")
-            for step in steps if kind_of(step) == kind
-        ]  # fmt: skip
+            for step in steps
+            if kind_of(step) == kind
+        ]
         yield f"{' + '.join(titles)} ({stated(kind)})"
 
 
@@ -139,8 +148,9 @@ class Simulated:
         sizes = sizes_of(declared, now.problem, now.theta)
         return [[form] for form in self.offers(chosen, now, True)] + [
             [distinct(one, k) for k, one in enumerate(tries)]
-            for effect in chosen for tries in memories(declared, effect, fitted, sizes)
-        ]  # fmt: skip
+            for effect in chosen
+            for tries in memories(declared, effect, fitted, sizes)
+        ]
 
     def candidates(self, chosen: Sequence[Candidate], now: Fit) -> tuple[OwnProblem, list[tuple[Candidate, list[str]]]]:
         """All that the library and the file offer, in one model."""
@@ -187,9 +197,10 @@ def fixed(candidate: Candidate) -> Candidate:
         name: f"({table.start!r})" for name, table in candidate.numbers.items() if name not in candidate.amplitude
     }
     return replace(
-        candidate, formulas={key: with_values(text, values) for key, text in candidate.formulas.items()},
+        candidate,
+        formulas={key: with_values(text, values) for key, text in candidate.formulas.items()},
         numbers={name: candidate.numbers[name] for name in candidate.amplitude},
-    )  # fmt: skip
+    )
 
 
 def fitting(own: Sequence[tuple[Form, Candidate]]) -> Iterator[list[tuple[Form, Candidate]]]:
@@ -217,15 +228,21 @@ def merged(own: Sequence[Candidate]) -> Candidate:
 
 def distinct(candidate: Candidate, k: int) -> Candidate:
     """The same with names that no other candidate has."""
-    names = [*candidate.numbers, *([candidate.switch] if candidate.switch else []), *([candidate.memory[0]] if candidate.memory else []),
-             *([candidate.curve[0]] if candidate.curve else [])]  # fmt: skip
+    names = [
+        *candidate.numbers,
+        *([candidate.switch] if candidate.switch else []),
+        *([candidate.memory[0]] if candidate.memory else []),
+        *([candidate.curve[0]] if candidate.curve else []),
+    ]
     new = {name: f"{name}_c{k}" for name in names}
     swap = lambda text: with_values(text, new)  # noqa: E731
     memory = (new[candidate.memory[0]], candidate.memory[1].changed(swap)) if candidate.memory else None
     return replace(
-        candidate, formulas={key: swap(text) for key, text in candidate.formulas.items()},
+        candidate,
+        formulas={key: swap(text) for key, text in candidate.formulas.items()},
         numbers={new[name]: table for name, table in candidate.numbers.items()},
-        amplitude=tuple(new[name] for name in candidate.amplitude), memory=memory,
+        amplitude=tuple(new[name] for name in candidate.amplitude),
+        memory=memory,
         switch=new[candidate.switch] if candidate.switch else None,
         curve=(new[candidate.curve[0]], swap(candidate.curve[1])) if candidate.curve else None,
-    )  # fmt: skip
+    )

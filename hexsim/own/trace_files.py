@@ -27,10 +27,14 @@ Progress = Callable[[str, float], None]
 
 
 def trace_simulated(
-    folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = (), out: Path | None = None,
-    progress: Progress = lambda step, share: None, state: StateFile | None = None,
+    folder: Path,
+    fit: Sequence[str] = (),
+    validate: Sequence[str] = (),
+    out: Path | None = None,
+    progress: Progress = lambda step, share: None,
+    state: StateFile | None = None,
     keep: Callable[[dict[str, Any]], None] = lambda report: None,
-) -> tuple[OwnTrace, dict[str, Any]]:  # fmt: skip
+) -> tuple[OwnTrace, dict[str, Any]]:
     """The trace of a folder that is simulated, and its report. Files go to `out` if given; a formula goes into effect.toml, whose
     lines join the folder's model.toml.
 
@@ -59,19 +63,26 @@ def trace_simulated(
 def content(loaded: OwnFolder, found: OwnTrace) -> tuple[dict[str, Any], dict[str, Any]]:
     """(report.json, run -> (its free run, rms of each output))."""
     with_effects = OwnFolder(
-        name=loaded.name, where=loaded.where, declaration=found.declaration, model=model_of(found.declaration, loaded.where),
-        fit=loaded.fit, validate=loaded.validate,
-    )  # fmt: skip
+        name=loaded.name,
+        where=loaded.where,
+        declaration=found.declaration,
+        model=model_of(found.declaration, loaded.where),
+        fit=loaded.fit,
+        validate=loaded.validate,
+    )
     made = {log.name: simulated(found.final, log, loaded.where) for log in (*loaded.fit, *loaded.validate)}
     report = report_of(with_effects, found.final, {name: rms for name, (_, rms) in made.items()})
     return report | {
-        "verdict": found.verdict, "named": [step.title for step in found.steps], "held_out_runs": found.errors,
+        "verdict": found.verdict,
+        "named": [step.title for step in found.steps],
+        "held_out_runs": found.errors,
         "remarks": found.remarks,
         "candidates": [
-            *(entry(one) | chance(kind_of(one)) for one in found.steps), *map(entry, found.found.refused),
+            *(entry(one) | chance(kind_of(one)) for one in found.steps),
+            *map(entry, found.found.refused),
             *formula_entry(found.formula),
         ],
-    }, made  # fmt: skip
+    }, made
 
 
 def write_report(report: dict[str, Any], out: Path, shown: Sequence[Markup] = ()) -> None:
@@ -103,15 +114,33 @@ def plainly(said: str) -> Markup:
 
 def candidates(report: dict[str, Any]) -> Section:
     """The effects that were fitted, an output a row."""
-    heads = ["effect", Column("judgment", "text"), "wrong, at most [%]", "gain [nats]", Column("output", "text"),
-             "held out before", "with it", Column("why", "wide")]  # fmt: skip
+    heads = [
+        "effect",
+        Column("judgment", "text"),
+        "wrong, at most [%]",
+        "gain [nats]",
+        Column("output", "text"),
+        "held out before",
+        "with it",
+        Column("why", "wide"),
+    ]
     rows = [
-        Row((one["effect"], one["verdict"], f"{100 * one['wrong']['at_most']:.0f}" if "wrong" in one else "",
-             f"{one['nats']:.1f}", output, f"{e['before']:.3g}", f"{e['after']:.3g}",
-             one["why"] + (f"; tied with {', '.join(one['tied'])}" if one["tied"] else "")),
-            "best" if one["verdict"] == "named" else "")
-        for one in report["candidates"] for output, e in one["held_out"].items()
-    ]  # fmt: skip
+        Row(
+            (
+                one["effect"],
+                one["verdict"],
+                f"{100 * one['wrong']['at_most']:.0f}" if "wrong" in one else "",
+                f"{one['nats']:.1f}",
+                output,
+                f"{e['before']:.3g}",
+                f"{e['after']:.3g}",
+                one["why"] + (f"; tied with {', '.join(one['tied'])}" if one["tied"] else ""),
+            ),
+            "best" if one["verdict"] == "named" else "",
+        )
+        for one in report["candidates"]
+        for output, e in one["held_out"].items()
+    ]
     explained = (
         "Held out: rms of the simulated residual on parts of the motion that the numbers have not seen. Gain: of their log "
         "predictive density. Wrong: of such verdicts on made-up machines, upper bound at 95 %."
@@ -132,11 +161,20 @@ def entry(one: Judgment) -> dict[str, Any]:
     """Numbers of an effect carry their errors; held-out errors of every output, before and with it."""
     named = {name: one.fitted for name in one.candidate.numbers if name in one.fitted.names}
     return {
-        "effect": one.title, "verdict": one.verdict, "why": one.why, "nats": one.nats, "by_chance": one.chance,
-        "nats_of_parts": one.gains.tolist(), "tied": one.tied,
-        "held_out": {name: {"before": before, "after": after, "t": t} for name, (before, after, t) in one.errors.items()},
-        "numbers": {name: {"value": fitted.value(name), "standard_error": fitted.error(name)} for name, fitted in named.items()},
-    }  # fmt: skip
+        "effect": one.title,
+        "verdict": one.verdict,
+        "why": one.why,
+        "nats": one.nats,
+        "by_chance": one.chance,
+        "nats_of_parts": one.gains.tolist(),
+        "tied": one.tied,
+        "held_out": {
+            name: {"before": before, "after": after, "t": t} for name, (before, after, t) in one.errors.items()
+        },
+        "numbers": {
+            name: {"value": fitted.value(name), "standard_error": fitted.error(name)} for name, fitted in named.items()
+        },
+    }
 
 
 def formula_entry(formula: Formula | None) -> list[dict[str, Any]]:

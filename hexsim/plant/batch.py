@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
-from hexsim.plant.newton_euler import EVALUATE, RUNGE_KUTTA, native_platform
+from hexsim.plant.newton_euler import What, native_platform
 from hexsim.plant.stepping import call_native, copy
 from hexsim.plant.structs import time_view
 
@@ -36,8 +36,8 @@ def step_machines(native, models, data, room, states, steps, first, last):
         copy(room[3], states[3][k])
         copy(room[4], states[4][k])
         for _ in range(steps):
-            call_native(native, models[k], data, (EVALUATE,))
-            call_native(native, models[k], data, (RUNGE_KUTTA,))
+            call_native(native, models[k], data, (What.EVALUATE,))
+            call_native(native, models[k], data, (What.RUNGE_KUTTA,))
         copy(states[0][k], room[0])
         copy(states[1][k], room[1])
         copy(states[2][k], room[2])

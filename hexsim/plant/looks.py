@@ -71,10 +71,24 @@ def add_platform(spec: mujoco.MjSpec, platform: mujoco.MjsBody, kinematics: Mech
     for i, joint in enumerate(joints, start=1):
         _beam(spec, platform, f"platform_bracket_{i}", joint, joint + rise, 0.04 * scale, "joint_paint")
     deck = 0.15 * scale
-    _geom(spec, platform, "deck", "cylinder", "platform_paint", fromto=[0, 0, deck, 0, 0, deck + 0.04 * scale],
-          size=[0.95 * scale, 0, 0])  # fmt: skip
-    _geom(spec, platform, "payload", "box", "payload_paint", pos=[0, 0, deck + 0.28 * scale],
-          size=[0.5 * scale, 0.4 * scale, 0.24 * scale])  # fmt: skip
+    _geom(
+        spec,
+        platform,
+        "deck",
+        "cylinder",
+        "platform_paint",
+        fromto=[0, 0, deck, 0, 0, deck + 0.04 * scale],
+        size=[0.95 * scale, 0, 0],
+    )
+    _geom(
+        spec,
+        platform,
+        "payload",
+        "box",
+        "payload_paint",
+        pos=[0, 0, deck + 0.28 * scale],
+        size=[0.5 * scale, 0.4 * scale, 0.24 * scale],
+    )
 
 
 def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, mass: float) -> None:
@@ -91,8 +105,15 @@ def add_cylinder(spec: mujoco.MjSpec, body: mujoco.MjsBody, length: float, cylin
         spec, body, f"head_{number}", barrel - 0.05 * length, barrel + 0.005 * length, 1.25 * radius, "joint_paint"
     )
     _geom(spec, body, f"universal_joint_{number}", "sphere", "joint_paint", size=[1.1 * radius, 0, 0])
-    _geom(spec, body, f"valve_block_{number}", "box", "payload_paint", pos=[1.4 * radius, 0, 0.16 * length],
-          size=[0.7 * radius, 0.9 * radius, 0.06 * length])  # fmt: skip
+    _geom(
+        spec,
+        body,
+        f"valve_block_{number}",
+        "box",
+        "payload_paint",
+        pos=[1.4 * radius, 0, 0.16 * length],
+        size=[0.7 * radius, 0.9 * radius, 0.06 * length],
+    )
 
 
 def add_rod(spec: mujoco.MjSpec, body: mujoco.MjsBody, length: float, cylinder: Cylinder, number: int) -> None:

@@ -36,7 +36,6 @@ ModelKind = Literal["full", "tendon"]
 BALL_rad_s, BALL_DAMPING = 1.6e3, 0.3
 STIFF_SOLREF = [-(BALL_rad_s**2), -2.0 * BALL_DAMPING * BALL_rad_s]  # negative: k and b themselves
 STIFF_SOLIMP = [0.9999, 0.9999, 0.001, 0.5, 2.0]
-GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has a positive one
 
 
 def build_spec(
@@ -151,7 +150,13 @@ def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies,
     ball.data[:3] = 0.0  # the anchor is the rod's end
 
 
-def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: Mechanics, bodies: list[LegBodies]) -> None:
+def _add_lumped_legs(
+    platform: mujoco.MjsBody,
+    kinematics: Mechanics,
+    bodies: list[LegBodies],
+    *,
+    gravcomp_switch: float = 1e-15,  # MuJoCo 4.0 looks at gravcomp only when some body has a positive one
+) -> None:
     """The legs of the tendon model as one body, see `lumped_legs`."""
     legs = lumped_legs(kinematics, bodies)
     inertia = np.diag(legs.inertia).copy()
@@ -169,7 +174,7 @@ def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: Mechanics, bodies: li
     lump = platform.add_body(name="legs_lump", pos=legs.centre)
     lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = legs.mass, [0, 0, 0], inertia, True
     lump.gravcomp = 1.0 - legs.carried / legs.mass  # negative: the platform carries more than moves with it in heave
-    platform.gravcomp = GRAVCOMP_SWITCH
+    platform.gravcomp = gravcomp_switch
 
 
 def _add_payload_mode(platform: mujoco.MjsBody, mode: PayloadMode, number: int, gravity: np.ndarray) -> None:

@@ -16,6 +16,7 @@ rounding (tests/plant/test_newton_euler.py). A payload on a spring is a second b
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -28,15 +29,24 @@ from numba.extending import intrinsic
 
 from hexsim.compiled import compiled, compiled_callback
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.mechanics.kinematics import N_LEGS
 from hexsim.mechanics.leg_geometry import leg_line
 from hexsim.mechanics.rigid_body import centre_acceleration, cross, dot, rotated, rotated_back, rotation_of, triple
 from hexsim.plant.callbacks import WORDS, doubles, leg_bias, leg_rates, offset, supply_rates
 from hexsim.plant.states import LEG, ROW, A
 from hexsim.plant.structs import slot
 
-LENGTHS, EVALUATE, RUNGE_KUTTA = range(3)  # what `native_platform` is asked for
+
+class What(IntEnum):
+    """What `native_platform` is asked for."""
+
+    LENGTHS = 0
+    EVALUATE = 1
+    RUNGE_KUTTA = 2
+
+
 MOST_STATES = 48  # of six legs with all six states each, and of a power unit: 42
-N_LEGS, N_TWIST = 6, 6
+N_TWIST = 6  # velocity and turning rate of the platform
 N_GAIN = int(mujoco.mjNGAIN)
 
 
@@ -382,19 +392,46 @@ def native_platform() -> Any:
         fields, words = carray(model, (WORDS,), types.uintp), carray(data, (WORDS,), types.uintp)
         i, k = of_model, of_data
         m = Memory(
-            np.intp(fields[i[0]]), np.intp(fields[i[1]]), np.intp(fields[i[2]]), np.intp(integers(fields[i[3]])[0]),
-            integers(fields[i[4]]), doubles(fields[i[5]]), doubles(fields[i[6]]), doubles(fields[i[7]]), doubles(fields[i[8]]),
-            doubles(fields[i[9]]), doubles(fields[i[10]]), doubles(fields[i[11]]), integers(fields[i[12]]),
-            integers(fields[i[13]]), doubles(fields[i[14]]), doubles(fields[i[15]]), doubles_in(fields, gravity),
-            doubles(words[k[0]]), doubles(words[k[1]]), doubles(words[k[2]]), doubles(words[k[3]]), doubles(words[k[4]]),
-            doubles(words[k[5]]), doubles(words[k[6]]), doubles(words[k[7]]), doubles(words[k[8]]), doubles(words[k[9]]),
-            doubles(words[k[10]]), doubles(words[k[11]]), doubles(words[k[12]]), doubles(words[k[13]]), doubles(words[k[14]]),
-            doubles(words[k[15]]), doubles(words[k[16]]), doubles_in(words, time),
-        )  # fmt: skip
+            np.intp(fields[i[0]]),
+            np.intp(fields[i[1]]),
+            np.intp(fields[i[2]]),
+            np.intp(integers(fields[i[3]])[0]),
+            integers(fields[i[4]]),
+            doubles(fields[i[5]]),
+            doubles(fields[i[6]]),
+            doubles(fields[i[7]]),
+            doubles(fields[i[8]]),
+            doubles(fields[i[9]]),
+            doubles(fields[i[10]]),
+            doubles(fields[i[11]]),
+            integers(fields[i[12]]),
+            integers(fields[i[13]]),
+            doubles(fields[i[14]]),
+            doubles(fields[i[15]]),
+            doubles_in(fields, gravity),
+            doubles(words[k[0]]),
+            doubles(words[k[1]]),
+            doubles(words[k[2]]),
+            doubles(words[k[3]]),
+            doubles(words[k[4]]),
+            doubles(words[k[5]]),
+            doubles(words[k[6]]),
+            doubles(words[k[7]]),
+            doubles(words[k[8]]),
+            doubles(words[k[9]]),
+            doubles(words[k[10]]),
+            doubles(words[k[11]]),
+            doubles(words[k[12]]),
+            doubles(words[k[13]]),
+            doubles(words[k[14]]),
+            doubles(words[k[15]]),
+            doubles(words[k[16]]),
+            doubles_in(words, time),
+        )
         h = doubles_in(fields, timestep)[0]
-        if what == LENGTHS:
+        if what == What.LENGTHS:
             write_place(m)
-        elif what == EVALUATE:
+        elif what == What.EVALUATE:
             evaluate(m, h, m.time[0])
         else:
             step(m, h)

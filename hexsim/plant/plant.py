@@ -31,11 +31,9 @@ from hexsim.plant.structs import check_layout
 Array = NDArray[np.float64]
 Setting = tuple[Effect, tuple[int, ...], dict[str, Any]]
 OFF_CENTRE_m = (0.0, 0.0, 2e-6)  # of a load that moves later: below 1 um MuJoCo takes a body for centred
-LIGHT = 1e-6  # of its mass, a payload's mode before it is switched on
 NAMES = ("names", "paths", "text_data")  # of the model's parts, not its numbers
 SILENT = 1  # warnings of a kind that MuJoCo takes for written down already
 OIL_RANGE_degC = -60.0, 300.0  # beyond: no oil any more, and no viscosity by ASTM D341
-OIL_STEP_K = 0.1  # 0.06 % of the bulk modulus, 0.5 % of the viscosity
 MODEL_STEP_S = 1.0e-4  # of a model file, for MuJoCo without a plant
 
 
@@ -67,10 +65,15 @@ class Plant:
     """
 
     def __init__(
-        self, machine: Machine, *, model: ModelKind = "full", timestep: float | None = None,
-        furnish: Callable[[mujoco.MjSpec], None] | None = None, later: Sequence[Setting] = (),
+        self,
+        machine: Machine,
+        *,
+        model: ModelKind = "full",
+        timestep: float | None = None,
+        furnish: Callable[[mujoco.MjSpec], None] | None = None,
+        later: Sequence[Setting] = (),
         load_moves: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
@@ -102,10 +105,14 @@ class Plant:
         self.prepare(machine.controller.rate_Hz)
         self.reset()
 
-    def _compile(self) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    def _compile(
+        self,
+        *,
+        light_share: float = 1e-6,  # of its mass, a payload's mode before it is switched on
+    ) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
         """The model of what `resolved` says at present. A payload's mode that comes later is there with next to no mass."""
         modes = self.resolved.payload_modes
-        light = [dataclasses.replace(m, mass_kg=LIGHT * m.mass_kg) for m in self._final_modes[len(modes) :]]
+        light = [dataclasses.replace(m, mass_kg=light_share * m.mass_kg) for m in self._final_modes[len(modes) :]]
         load = self.resolved.load
         if self._load_moves and not any(load.centre_of_mass_m):
             load = load.model_copy(update={"centre_of_mass_m": OFF_CENTRE_m})
@@ -267,10 +274,14 @@ class Plant:
             return None
         return float(self.data.act[int(self.layout[-1, A.SUPPLY]) + U.TEMPERATURE])
 
-    def follow_oil_temperature(self) -> None:
-        """Take the oil in all rows to the reservoir's present temperature, once it has moved by OIL_STEP_K."""
+    def follow_oil_temperature(
+        self,
+        *,
+        oil_step_K: float = 0.1,  # 0.06 % of the bulk modulus, 0.5 % of the viscosity
+    ) -> None:
+        """Take the oil in all rows to the reservoir's present temperature, once it has moved by oil_step_K."""
         temperature = self.oil_temperature_degC
-        if temperature is None or abs(temperature - self.resolved.oil_temperature_degC) < OIL_STEP_K:
+        if temperature is None or abs(temperature - self.resolved.oil_temperature_degC) < oil_step_K:
             return
         if not OIL_RANGE_degC[0] <= temperature <= OIL_RANGE_degC[1]:
             raise PlantError(f"oil at {temperature:.3g} degC")

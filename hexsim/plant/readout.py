@@ -90,9 +90,16 @@ def leg_signals(plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array,
     rows, _, which = versions(plant, time)
     _leg_rows(*map(np.ascontiguousarray, (rows, plant.layout, which, act, y, v, volts, time)), out)
     return LegSignals(
-        position=y, velocity=v, pressure_bottom=out[0], pressure_top=out[1], spool=out[2], flow=out[3],
-        friction=out[4], force=out[5], supply_Pa=out[6, :, 0],
-    )  # fmt: skip
+        position=y,
+        velocity=v,
+        pressure_bottom=out[0],
+        pressure_top=out[1],
+        spool=out[2],
+        flow=out[3],
+        friction=out[4],
+        force=out[5],
+        supply_Pa=out[6, :, 0],
+    )
 
 
 def versions(plant: Plant, time: Array) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -192,8 +199,9 @@ def voids(plant: Plant, time: Array, positions: Array, act: Array) -> dict[str, 
         if s[S.MODEL] == POWER_UNIT:
             pump = int(plant.layout[-1, A.SUPPLY]) + U.PUMP_PRESSURE
             capacities = {
-                "the manifold": (last, supply.manifold_capacity), "the pump side": (pump, supply.pump_side_capacity),
-            }  # fmt: skip
+                "the manifold": (last, supply.manifold_capacity),
+                "the pump side": (pump, supply.pump_side_capacity),
+            }
         for name, (at, capacity) in capacities.items():
             void = np.maximum(chamber.VAPOUR - act[:, at] * MPa, 0.0) * capacity(s, chamber.VAPOUR)
             if void.any():

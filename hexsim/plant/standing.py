@@ -19,15 +19,18 @@ from hexsim.hydraulics.oil_spring import oil_stiffness, speed_per_volt
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.plant.plant import Plant
 
-STEP_s = 5e-4  # the stiffest modes, of the ball ends, have 1.6e3 rad/s: RK4 bears 2.8 over the step
-SERVO_DAMPING = 0.7  # of the servo: a step without a ring to be seen
 
-
-def standing_xml(plant: Plant, servo: bool = False) -> str:
+def standing_xml(
+    plant: Plant,
+    servo: bool = False,
+    *,
+    servo_damping: float = 0.7,  # of the servo: a step without a ring to be seen
+    step_s: float = 5e-4,  # the stiffest modes, of the ball ends, have 1.6e3 rad/s: RK4 bears 2.8 over the step
+) -> str:
     """The MJCF of a machine of full legs, with keyframe `home`. The plant is left as it is."""
     plant.reset()
     spec = plant.spec.copy()
-    spec.option.timestep = STEP_s
+    spec.option.timestep = step_s
     spec.nuser_actuator = spec.nuserdata = 0
     compliance = np.diag(plant.compliance)
     for i in range(plant.n_legs):
@@ -37,7 +40,7 @@ def standing_xml(plant: Plant, servo: bool = False) -> str:
         actuator.biastype, actuator.dyntype = mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtDyn.mjDYN_NONE
         gain, bias = np.zeros(10), np.zeros(10)
         if servo:
-            gain[0], bias[:3] = k, (rest, -k, -2.0 * SERVO_DAMPING * np.sqrt(k / compliance[i]))
+            gain[0], bias[:3] = k, (rest, -k, -2.0 * servo_damping * np.sqrt(k / compliance[i]))
             actuator.actdim, actuator.ctrlrange = 0, ends
             actuator.forcelimited, actuator.forcerange = True, forces(p)
         else:

@@ -23,9 +23,8 @@ from hexsim.plant import stepping
 from hexsim.smoothness.band import band_limit
 
 Array = NDArray[np.float64]
-STILL_m_s2 = 1.0e-6  # a machine that does not move has no peak to judge by
 LARGEST_ERROR = 1.0e-3  # of the peak: above it a run warns
-KEPT, SPANS_A_CHECK = 8, 60  # marks of the worst spans that are kept; one span in so many is done again, one at least
+KEPT = 8  # marks of the worst spans that are kept
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -70,7 +69,13 @@ class StepCheck:
         if same and mark.versions == len(self.plant.history) and np.isfinite(mark.error):
             self.marks = sorted([*self.marks, mark], key=lambda m: (-m.error, m.first))[:KEPT]
 
-    def error(self, ticks: int) -> float | None:
+    def error(
+        self,
+        ticks: int,
+        *,
+        spans_a_check: int = 60,  # one span in so many is done again, one at least
+        still_m_s2: float = 1.0e-6,  # a machine that does not move has no peak to judge by
+    ) -> float | None:
         """Error over the peak, for a run of `ticks`; None where no span can be judged."""
         plant, context = self.plant, self.plant.context
         record, tick_s = plant.record, context.tick_s
@@ -78,10 +83,10 @@ class StepCheck:
         if not self.marks or ticks < 2 or not np.isfinite(acceleration).all():
             return None
         peak = np.abs(self._banded(acceleration)).max()
-        if not peak > STILL_m_s2:
+        if not peak > still_m_s2:
             return 0.0
         present, worst = self._mark(ticks), 0.0
-        for mark in self.marks[: max(1, min(KEPT, self.spans // SPANS_A_CHECK))]:
+        for mark in self.marks[: max(1, min(KEPT, self.spans // spans_a_check))]:
             middle = self._again(mark)
             gap = (middle - record.middle[mark.first : mark.last]) * context.reach
             differs = np.diff(gap, axis=0, prepend=0.0) / tick_s
@@ -98,9 +103,16 @@ class StepCheck:
         mujoco.mj_getState(model, plant.data, state, STATE)
         context = plant.context
         return Mark(
-            tick, state, plant.data.ctrl.copy(), model.actuator_user.copy(), model.body_ipos.copy(),
-            model.body_mass.copy(), context, [values.copy() for values in _changing(context)], len(plant.history),
-        )  # fmt: skip
+            tick,
+            state,
+            plant.data.ctrl.copy(),
+            model.actuator_user.copy(),
+            model.body_ipos.copy(),
+            model.body_mass.copy(),
+            context,
+            [values.copy() for values in _changing(context)],
+            len(plant.history),
+        )
 
     def _go_to(self, mark: Mark) -> None:
         plant, model = self.plant, self.plant.model
@@ -130,6 +142,13 @@ def _repeat(context: Any, record: Any, volts: Array) -> None:
 def _changing(context: Any) -> list[Array]:
     """Arrays of a context that steps change."""
     return [
-        context.next_step, context.level, context.slow, context.velocity_before, context.spool_volts, context.apart,
-        context.timestep, context.error, *context.bends,
-    ]  # fmt: skip
+        context.next_step,
+        context.level,
+        context.slow,
+        context.velocity_before,
+        context.spool_volts,
+        context.apart,
+        context.timestep,
+        context.error,
+        *context.bends,
+    ]

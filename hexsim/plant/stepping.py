@@ -38,12 +38,12 @@ from hexsim.hydraulics.steps import (
 )
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, offset, pointer_to, supply_pressure, supply_state
-from hexsim.plant.newton_euler import EVALUATE, LENGTHS, RUNGE_KUTTA, native_platform
+from hexsim.plant.newton_euler import What, native_platform
 from hexsim.plant.states import ROW
 from hexsim.plant.structs import time_view, timestep_view
 
 Array = NDArray[np.float64]
-RK4_STAGES = 4
+RK4_STAGES = 4  # evaluations of a step
 BAND_Hz = 50.0  # in which motion is judged
 KICK = (
     2.0 * BAND_Hz
@@ -158,26 +158,57 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
     model.opt.timestep = plant.timestep or tick_s / parts
     delay, part_s = valve.delay_in_ticks(rows[:, P.VALVE_DELAY], tick_s)
     return StepContext(
-        model=model._address, data=data._address,
-        step=_address("mj_step"), forward=_address("mj_forward"),
-        position=_address("mj_fwdPosition"), forward_from=_address("mj_forwardSkip"),
-        check=_address("mj_checkAcc"), runge_kutta=_address("mj_RungeKutta"),
+        model=model._address,
+        data=data._address,
+        step=_address("mj_step"),
+        forward=_address("mj_forward"),
+        position=_address("mj_fwdPosition"),
+        forward_from=_address("mj_forwardSkip"),
+        check=_address("mj_checkAcc"),
+        runge_kutta=_address("mj_RungeKutta"),
         platform=native_platform().address if plant.is_one_body else 0,
-        is_tendon=plant.is_tendon, is_recorded=is_recorded, is_chosen=steps == 0, refined=1, rule=plant.step_rule(), tick_s=tick_s,
-        parts=parts, steps=np.array([steps]), constant_s=plant.timestep or LONGEST_S, timestep=timestep_view(model), time=time_view(data),
-        next_step=np.full(1, LONGEST_S), error=np.zeros(1), level=np.full(1, LEAST_LEVEL), slow=np.zeros(model.nv),
-        reach=plant.reach(), push=plant.push(), tolerance=TOLERANCE,
+        is_tendon=plant.is_tendon,
+        is_recorded=is_recorded,
+        is_chosen=steps == 0,
+        refined=1,
+        rule=plant.step_rule(),
+        tick_s=tick_s,
+        parts=parts,
+        steps=np.array([steps]),
+        constant_s=plant.timestep or LONGEST_S,
+        timestep=timestep_view(model),
+        time=time_view(data),
+        next_step=np.full(1, LONGEST_S),
+        error=np.zeros(1),
+        level=np.full(1, LEAST_LEVEL),
+        slow=np.zeros(model.nv),
+        reach=plant.reach(),
+        push=plant.push(),
+        tolerance=TOLERANCE,
         bends=tuple(np.zeros(k) for k in (model.nv, model.na, model.nv, model.na, 1)),
         begun=tuple(np.zeros(k) for k in (model.nq, model.nv, model.na, model.nv, model.na, 1)),
-        count=np.zeros(1, np.int64), user=model.actuator_user[: len(plant.layout)], leg_length=data.actuator_length[:n],
-        leg_velocity=data.actuator_velocity[:n], velocity_before=np.zeros(n),
-        qpos=data.qpos, qvel=data.qvel, qacc=data.qacc, act=data.act, act_dot=data.act_dot, ctrl=data.ctrl,
-        lengths=data.ten_length, slides=np.zeros(0, np.int64) if plant.is_tendon else plant.slides.astype(np.int64),
+        count=np.zeros(1, np.int64),
+        user=model.actuator_user[: len(plant.layout)],
+        leg_length=data.actuator_length[:n],
+        leg_velocity=data.actuator_velocity[:n],
+        velocity_before=np.zeros(n),
+        qpos=data.qpos,
+        qvel=data.qvel,
+        qacc=data.qacc,
+        act=data.act,
+        act_dot=data.act_dot,
+        ctrl=data.ctrl,
+        lengths=data.ten_length,
+        slides=np.zeros(0, np.int64) if plant.is_tendon else plant.slides.astype(np.int64),
         offsets=np.ascontiguousarray(rows[:, P.LENGTH_OFFSET]),
         hysteresis=np.ascontiguousarray(rows[:, P.HYSTERESIS]),
-        spread=np.ascontiguousarray(rows[:, P.HYSTERESIS_SPREAD]), delay=delay, part_s=part_s,
-        past=np.zeros((int(plant.longest_delay_s / tick_s + 1e-6) + 1, n)), spool_volts=np.zeros(n), apart=np.zeros(n),
-    )  # fmt: skip
+        spread=np.ascontiguousarray(rows[:, P.HYSTERESIS_SPREAD]),
+        delay=delay,
+        part_s=part_s,
+        past=np.zeros((int(plant.longest_delay_s / tick_s + 1e-6) + 1, n)),
+        spool_volts=np.zeros(n),
+        apart=np.zeros(n),
+    )
 
 
 def new_record(plant: Any, ticks: int) -> Record:
@@ -200,7 +231,7 @@ def sense(context, record):
     row = context.count[0] if context.is_recorded else 0
     if context.is_tendon:
         if context.platform:
-            call_native(context.platform, context.model, context.data, (LENGTHS,))
+            call_native(context.platform, context.model, context.data, (What.LENGTHS,))
         else:
             call_native(context.position, context.model, context.data, ())
         for i in range(context.offsets.shape[0]):
@@ -346,7 +377,7 @@ def asked_steps(context):
 def _evaluate(context, is_located):
     """Derivatives of the present state, as `mj_step` begins with."""
     if context.platform:
-        call_native(context.platform, context.model, context.data, (EVALUATE,))
+        call_native(context.platform, context.model, context.data, (What.EVALUATE,))
     elif is_located:
         call_native(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
     else:
@@ -367,7 +398,7 @@ def march(context, record, row, span, middle):
         context.timestep[0] = h
         keep_state(context)
         if context.platform:
-            call_native(context.platform, context.model, context.data, (RUNGE_KUTTA,))
+            call_native(context.platform, context.model, context.data, (What.RUNGE_KUTTA,))
         else:
             call_native(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
         error = last_error(context, h)

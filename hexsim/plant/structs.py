@@ -18,10 +18,19 @@ from mujoco.introspect.structs import STRUCTS
 from hexsim.errors import HexsimError
 
 _SCALARS = {
-    "int": ctypes.c_int, "mjtBool": ctypes.c_ubyte, "mjtByte": ctypes.c_ubyte, "mjtSize": ctypes.c_int64,
-    "size_t": ctypes.c_size_t, "uintptr_t": ctypes.c_void_p, "uint64_t": ctypes.c_uint64, "mjtNum": ctypes.c_double,
-    "double": ctypes.c_double, "float": ctypes.c_float, "unsigned int": ctypes.c_uint, "char": ctypes.c_char,
-}  # fmt: skip
+    "int": ctypes.c_int,
+    "mjtBool": ctypes.c_ubyte,
+    "mjtByte": ctypes.c_ubyte,
+    "mjtSize": ctypes.c_int64,
+    "size_t": ctypes.c_size_t,
+    "uintptr_t": ctypes.c_void_p,
+    "uint64_t": ctypes.c_uint64,
+    "mjtNum": ctypes.c_double,
+    "double": ctypes.c_double,
+    "float": ctypes.c_float,
+    "unsigned int": ctypes.c_uint,
+    "char": ctypes.c_char,
+}
 
 
 def _ctype(kind) -> type:

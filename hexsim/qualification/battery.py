@@ -28,8 +28,6 @@ from hexsim.scenarios import Scenario
 from hexsim.setpoints.signals import Signal, Sine, Triangle
 from hexsim.smoothness import band_limit, describing_function
 
-LEAST_GAIN = 3e-3  # below -50 dB the command stays in the dead band and has no phase
-
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
@@ -107,7 +105,12 @@ class Battery:
         self.found.rows.append(row_of(*row, source=source))
 
     # the tests
-    def _axis(self, axis: str) -> None:
+    def _axis(
+        self,
+        axis: str,
+        *,
+        least_gain: float = 3e-3,  # below -50 dB the command stays in the dead band and has no phase
+    ) -> None:
         """Half-hertz noise, parasitic motion and describing function of one axis."""
         plan, turns = self.plan, axis in ROTATIONS
         amplitude = plan.half_hertz_rad if turns else plan.half_hertz_m
@@ -126,11 +129,12 @@ class Battery:
                 )
         frequencies = sorted(response)
         gains_dB = [20 * math.log10(max(abs(response[f]), 1e-6)) for f in frequencies]
-        phases = [measures.phase_deg(response[f]) if abs(response[f]) > LEAST_GAIN else math.nan for f in frequencies]
+        phases = [measures.phase_deg(response[f]) if abs(response[f]) > least_gain else math.nan for f in frequencies]
         self.found.curves.setdefault("describing_function", {})[axis] = {
-            "frequency_Hz": frequencies, "gain_dB": gains_dB,
+            "frequency_Hz": frequencies,
+            "gain_dB": gains_dB,
             "phase_deg": [None if math.isnan(phase) else phase for phase in phases],
-        }  # fmt: skip
+        }
         half_power, quarter = (
             measures.crossing(frequencies, gains_dB, -3.0),
             measures.crossing(frequencies, phases, -90.0),
@@ -194,9 +198,10 @@ class Battery:
         )
         late = motion.time_s >= start
         self.found.curves["dynamic_threshold"] = {
-            "time_s": motion.time_s[late], "commanded_m_s2": motion.commanded_acceleration["z"][late],
+            "time_s": motion.time_s[late],
+            "commanded_m_s2": motion.commanded_acceleration["z"][late],
             "acceleration_m_s2": band_limit(motion.time_s, motion.acceleration["z"])[late],
-        }  # fmt: skip
+        }
 
     def _turn_around(self) -> None:
         motion, start = self._sine("turn-around", "z", self.plan.turn_around_m, 0.5)

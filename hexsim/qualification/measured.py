@@ -42,14 +42,8 @@ from hexsim.signals.log import Log
 from hexsim.smoothness import BANDWIDTH_Hz, band_limit, describing_function
 
 Array = NDArray[np.float64]
-SAMPLES_A_PERIOD = 2.56  # of the highest frequency in a log: what anti-aliasing filters leave
-DRIVEN_m, DRIVEN_rad = 1e-3, 1e-3  # an axis with a smaller command is not driven,
-DRIVEN_SHARE = 0.05  # nor one with so little of the largest (rad as m)
-SINE_ERROR = 0.02  # of its amplitude, by which a command may miss a sine
-COHERENT = 0.9  # from here on response and command hang together
 HALF_HERTZ = (0.49, 0.51)  # [Hz]: within it a log's sine is the test's
 TURN_AROUND_m = (0.0675, 0.0825)  # amplitude of the turn-around check, 75 mm, within a tenth
-GRAVITY_m_s2 = 5.0  # a mean acceleration beyond this is gravity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,14 +58,21 @@ class Imu:
     bandwidth_Hz: float = math.inf
 
 
-def measure(log: Log, machine: Machine, out: str | Path, imu: Imu | None = None) -> dict[str, Any]:
+def measure(
+    log: Log,
+    machine: Machine,
+    out: str | Path,
+    imu: Imu | None = None,
+    *,
+    samples_a_period: float = 2.56,  # of the highest frequency in a log: what anti-aliasing filters leave
+) -> dict[str, Any]:
     """Figures of a log into the folder `out`: report.html and measure.json; returns what the JSON holds.
 
     machine: that of the log; its geometry gives pose from legs. A simulated log that holds the truth is judged by it
     unless `imu` is given. Raises HexsimError where the log lacks setpoints or accelerations.
     """
     motion, notes = motion_of(log, machine.mechanics, imu, machine.machine.gravity_m_s2)
-    band = min(BANDWIDTH_Hz, (imu or Imu()).bandwidth_Hz, log.rate / SAMPLES_A_PERIOD)
+    band = min(BANDWIDTH_Hz, (imu or Imu()).bandwidth_Hz, log.rate / samples_a_period)
     if band < BANDWIDTH_Hz:
         notes.append(
             f"Figures are of the band up to {band:.3g} Hz: sensor or log hold no more, and peaks are lower for it."
@@ -93,11 +94,14 @@ def measure(log: Log, machine: Machine, out: str | Path, imu: Imu | None = None)
             amplitude = 0.5 * float(np.ptp(motion.commanded[axis][motion.time_s >= sine[1]]))
             found.rows += [_judged(row, axis, sine[0], amplitude, alone=len(driven) == 1) for row in made.rows]
     result = {
-        "log": log.name, "machine": machine.name, "bandwidth_Hz": band, "notes": notes,
+        "log": log.name,
+        "machine": machine.name,
+        "bandwidth_Hz": band,
+        "notes": notes,
         "passed": _passed(found.rows),
         "rows": [asdict(row) | {"passed": row.passed} for row in found.rows],
         "describing_function": found.curves.get("describing_function", {}),
-    }  # fmt: skip
+    }
     folder = Path(out)
     write_text(folder / "measure.json", json.dumps(result, indent=1))
     how = f"log {log.name} · {log.duration_s:.1f} s at {log.rate:g} Hz · accelerations in the {band:.3g} Hz band"
@@ -112,9 +116,10 @@ def _judged(row: Row, axis: str, frequency_Hz: float, amplitude: float, *, alone
         "half-hertz noise": ("a sine of 0.5 Hz in one axis alone", True),
         "leg balance": ("heave of 0.5 Hz alone", axis == "z"),
         "turn-around": (
-            "heave of 0.5 Hz alone, 150 mm peak to peak", axis == "z" and TURN_AROUND_m[0] <= amplitude <= TURN_AROUND_m[1],
+            "heave of 0.5 Hz alone, 150 mm peak to peak",
+            axis == "z" and TURN_AROUND_m[0] <= amplitude <= TURN_AROUND_m[1],
         ),
-    }  # fmt: skip
+    }
     if row.limit is None or row.test not in wanted:
         return row
     what, is_its = wanted[row.test]
@@ -152,10 +157,14 @@ def motion_of(log: Log, mechanics: Mechanics, imu: Imu | None, gravity_m_s2: flo
     acceleration = dict(zip(mechanics.dofs, rows, strict=True))
     places = dict(zip(mechanics.dofs, mechanics.dof_places, strict=True))
     return Motion(
-        time_s=log.time - log.time[0], commanded={dof: command[:, k] for dof, k in places.items()},
-        response={dof: pose[:, k] for dof, k in places.items()}, commanded_acceleration={}, acceleration=acceleration,
-        leg_setpoints=setpoints.T, leg_positions=positions,
-    ), notes  # fmt: skip
+        time_s=log.time - log.time[0],
+        commanded={dof: command[:, k] for dof, k in places.items()},
+        response={dof: pose[:, k] for dof, k in places.items()},
+        commanded_acceleration={},
+        acceleration=acceleration,
+        leg_setpoints=setpoints.T,
+        leg_positions=positions,
+    ), notes
 
 
 def at_origin(
@@ -174,7 +183,7 @@ def at_origin(
     T: turn of the sensor's axes, R: of the platform, r: offset; omega from the pose in the 50 Hz band.
     """
     notes = []
-    if not imu.has_gravity and abs(float(measured[-1].mean())) > GRAVITY_m_s2:
+    if not imu.has_gravity and abs(float(measured[-1].mean())) > 5.0:  # a mean acceleration beyond this is gravity
         notes.append(
             f"The mean vertical acceleration is {measured[-1].mean():.2f} m/s2: gravity is in it; say --imu-gravity."
         )
@@ -194,15 +203,26 @@ def at_origin(
     return found.T, notes
 
 
-def driven_axes(motion: Motion) -> list[str]:
+def driven_axes(
+    motion: Motion,
+    *,
+    driven_share: float = 0.05,  # nor one with so little of the largest (rad as m)
+    least_m: float = 1e-3,  # an axis with a smaller command is not driven
+    least_rad: float = 1e-3,  # an axis with a smaller command is not driven
+) -> list[str]:
     """Axes whose command moves, the one that moves most first."""
     spans = {axis: float(np.ptp(values)) for axis, values in motion.commanded.items()}
-    least = DRIVEN_SHARE * max(spans.values())
-    limits = {axis: max(least, DRIVEN_rad if axis in ROTATIONS else DRIVEN_m) for axis in spans}
+    least = driven_share * max(spans.values())
+    limits = {axis: max(least, least_rad if axis in ROTATIONS else least_m) for axis in spans}
     return sorted((axis for axis in spans if spans[axis] > limits[axis]), key=lambda axis: -spans[axis])
 
 
-def sine_of(time_s: Array, command: Array) -> tuple[float, float] | None:
+def sine_of(
+    time_s: Array,
+    command: Array,
+    *,
+    sine_error: float = 0.02,  # of its amplitude, by which a command may miss a sine
+) -> tuple[float, float] | None:
     """(frequency [Hz], start [s]) of a command that ends in a steady sine, from a period after it is one on.
 
     None where the last three fifths are none, or fewer than two whole periods are left.
@@ -228,9 +248,9 @@ def sine_of(time_s: Array, command: Array) -> tuple[float, float] | None:
     f = float(near.x) if miss(float(f"{near.x:.4g}")) > 1.01 * near.fun + 1e-18 * len(part) else float(f"{near.x:.4g}")
     fit = np.linalg.lstsq(columns(f, time_s[late]), command[late], rcond=None)[0]
     amplitude, off = float(np.hypot(*fit[:2])), np.abs(command - columns(f, time_s) @ fit)
-    if off[late].max() > SINE_ERROR * amplitude:
+    if off[late].max() > sine_error * amplitude:
         return None
-    outside = np.flatnonzero(off > SINE_ERROR * amplitude)
+    outside = np.flatnonzero(off > sine_error * amplitude)
     steady = float(time_s[outside[-1]]) if len(outside) else 0.0
     start = math.ceil((steady + 1 / f) * f - 1e-6) / f
     return (f, start) if (time_s[-1] - start) * f >= 2 - 1e-3 else None
@@ -251,11 +271,20 @@ def _figures_of_a_sine(found: Findings, axis: str, motion: Motion, f: float, sta
     found.rows.append(row_of("describing function", axis, f"gain at {f:g} Hz", gain_dB, "dB", source=APPLICANT))
     found.rows.append(row_of("describing function", axis, f"phase at {f:g} Hz", phase, "deg", source=APPLICANT))
     found.curves.setdefault("describing_function", {})[axis] = {
-        "frequency_Hz": [f], "gain_dB": [gain_dB], "phase_deg": [phase],
-    }  # fmt: skip
+        "frequency_Hz": [f],
+        "gain_dB": [gain_dB],
+        "phase_deg": [phase],
+    }
 
 
-def _response_of_any_motion(found: Findings, axis: str, motion: Motion, rate: float) -> None:
+def _response_of_any_motion(
+    found: Findings,
+    axis: str,
+    motion: Motion,
+    rate: float,
+    *,
+    coherent: float = 0.9,  # from here on response and command hang together
+) -> None:
     """Response over command by averaged spectra (Welch, H1), where the coherence is 0.9 or more."""
     from scipy import signal
 
@@ -264,7 +293,7 @@ def _response_of_any_motion(found: Findings, axis: str, motion: Motion, rate: fl
     frequency, cross = signal.csd(command, response, rate, nperseg=length)
     own, other = (signal.welch(values, rate, nperseg=length)[1] for values in (command, response))
     coherence = np.abs(cross) ** 2 / np.maximum(own * other, 1e-300)
-    kept = (coherence >= COHERENT) & (own > 1e-4 * own.max()) & (frequency > 0)
+    kept = (coherence >= coherent) & (own > 1e-4 * own.max()) & (frequency > 0)
     if kept.sum() < 3 or len(command) < 2 * length:
         return
     ratio = cross[kept] / own[kept]

@@ -103,9 +103,12 @@ def hysteresis(width_slow: float, width_fast: float) -> float:
 
 
 def dynamic_threshold(
-    time_s: ArrayLike, commanded_acceleration: ArrayLike, acceleration: ArrayLike, start_s: float,
+    time_s: ArrayLike,
+    commanded_acceleration: ArrayLike,
+    acceleration: ArrayLike,
+    start_s: float,
     bandwidth_Hz: float | None = 50.0,
-) -> float:  # fmt: skip
+) -> float:
     """Mean time [s] from a commanded step of acceleration until the response has covered 63 % of the step.
 
     The response is band-limited. A first-order lag tau gives tau, a pure delay gives the delay.
@@ -139,10 +142,12 @@ def leg_balance(
 ) -> tuple[float, Array]:
     """(largest difference of phase between any two legs [deg], phases (n_legs,) [deg]); setpoints, positions (m, n)."""
     setpoints, positions = np.asarray(setpoints), np.asarray(positions)
-    phases = np.array([
-        np.degrees(np.angle(describing_function(time_s, positions[:, i], setpoints[:, i], frequency_Hz, start_s)))
-        for i in range(positions.shape[1])
-    ])  # fmt: skip
+    phases = np.array(
+        [
+            np.degrees(np.angle(describing_function(time_s, positions[:, i], setpoints[:, i], frequency_Hz, start_s)))
+            for i in range(positions.shape[1])
+        ]
+    )
     return float(phases.max() - phases.min()), phases
 
 

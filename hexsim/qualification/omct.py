@@ -21,9 +21,8 @@ from hexsim.cueing.washout import Cueing, Washout, g
 
 Array = NDArray[np.float64]
 FREQUENCIES_rad_s = (0.100, 0.158, 0.251, 0.398, 0.631, 1.000, 1.585, 2.512, 3.981, 6.310, 10.000, 15.849)
-FORCE_m_s2, RATE_rad_s = 1.0, np.radians(10.0)  # of the vehicle's sine
+RATE_rad_s = np.radians(10.0)  # of the vehicle's sine
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
-SETTLE_S, PERIODS = 20.0, 2  # of the washout, six times its slowest default constant; then whole periods
 SOURCE = (
     "[K] ICAO 9625 OMCT: frequencies and tests as commonly used, not held against the document; no published number"
 )
@@ -83,15 +82,23 @@ def machine_response(curves: Mapping[str, Mapping[str, Sequence[float | None]]])
 
 
 def felt_amplitudes(
-    washout: Washout, axis: str, w: float, rate_Hz: float, machine: Response
+    washout: Washout,
+    axis: str,
+    w: float,
+    rate_Hz: float,
+    machine: Response,
+    *,
+    settle_s: float = 20.0,  # of the washout, six times its slowest default constant
+    n_periods: int = 2,  # whole ones
+    force_m_s2: float = 1.0,  # of the vehicle's sine
 ) -> tuple[complex, NDArray[np.complex128]]:
     """The vehicle's complex amplitude [m/s2 or rad/s], and the felt ones (6,): specific force, rates."""
     cueing, period = Cueing(washout, rate_Hz), 2.0 * np.pi / w
-    settle = np.ceil(SETTLE_S / period) * period
-    time = np.arange(round((settle + PERIODS * period) * rate_Hz)) / rate_Hz
+    settle = np.ceil(settle_s / period) * period
+    time = np.arange(round((settle + n_periods * period) * rate_Hz)) / rate_Hz
     place = AXES.index(axis)
     flown = np.zeros((len(time), 6))
-    flown[:, place] = (FORCE_m_s2 if place < 3 else RATE_rad_s) * np.sin(w * time)
+    flown[:, place] = (force_m_s2 if place < 3 else RATE_rad_s) * np.sin(w * time)
     poses = np.array([cueing.step(row[:3], row[3:]) for row in flown])
     late = time >= settle
     given = amplitude_at(time[late], flown[late, place], w)
@@ -103,9 +110,12 @@ def felt_amplitudes(
 
 
 def omct(
-    washout: Washout, rate_Hz: float, machine: Response, frequencies_rad_s: Sequence[float] = FREQUENCIES_rad_s,
+    washout: Washout,
+    rate_Hz: float,
+    machine: Response,
+    frequencies_rad_s: Sequence[float] = FREQUENCIES_rad_s,
     progress: Callable[[float], None] = lambda fraction: None,
-) -> list[Point]:  # fmt: skip
+) -> list[Point]:
     """All ten tests at all frequencies."""
     axes = list(dict.fromkeys(axis for _, axis, _ in TESTS))
     points: list[Point] = []

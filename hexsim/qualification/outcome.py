@@ -10,8 +10,6 @@ from hexsim.errors import HexsimError
 from hexsim.signals.table import table
 from hexsim.simulation import Run
 
-STILL_m_s = 2.0e-3  # a piston slower than this is at rest
-
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
@@ -34,7 +32,13 @@ class Outcome:
     final_m: tuple[float, ...]
 
 
-def outcome(run: Run, time_s: float, settled_s: float = 1.0) -> Outcome:
+def outcome(
+    run: Run,
+    time_s: float,
+    settled_s: float = 1.0,
+    *,
+    still_m_s: float = 2.0e-3,  # a piston slower than this is at rest
+) -> Outcome:
     """The outcome of the fault at `time_s`; the run's first `settled_s` do not count as "before"."""
     if "motion_computer" not in run.summary:
         raise HexsimError(f"scenario {run.scenario.name} has no faults: there is no outcome to read")
@@ -46,7 +50,7 @@ def outcome(run: Run, time_s: float, settled_s: float = 1.0) -> Outcome:
     )
     names = table()["true_acceleration"].columns(n)
     acceleration = np.sqrt(sum(log[name].to_numpy() ** 2 for name in names))
-    moving = np.flatnonzero(np.abs(velocity).max(axis=1) > STILL_m_s)
+    moving = np.flatnonzero(np.abs(velocity).max(axis=1) > still_m_s)
     last = int(moving[-1]) if len(moving) else 0
     computer = run.summary["motion_computer"]
     found = [(t, text) for t, _, text in computer["found"] if t >= time_s - 1e-9]

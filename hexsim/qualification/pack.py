@@ -90,10 +90,16 @@ def _write_trace(folder: Path, trace: part60.Trace) -> None:
 
 
 def write_pack(
-    machine: Machine, found: Findings, out: str | Path, *, compensator: str | Compensator = "none",
-    flight: Washout | None = None, ground: Washout | None = None, pilot_m: tuple[float, float, float] = part60.PILOT_m,
+    machine: Machine,
+    found: Findings,
+    out: str | Path,
+    *,
+    compensator: str | Compensator = "none",
+    flight: Washout | None = None,
+    ground: Washout | None = None,
+    pilot_m: tuple[float, float, float] = part60.PILOT_m,
     progress: Progress = lambda fraction: None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Run the tests beyond the battery's and write the pack into the folder `out`; returns what pack.json holds.
 
     found: of the battery on the same machine. flight, ground: washouts of the two modes; ground None: as in flight, and one
@@ -117,19 +123,26 @@ def write_pack(
     response = machine_response(found.curves["describing_function"])
     points = omct(flight, machine.controller.rate_Hz, response, progress=lambda f: progress(0.5 + 0.5 * f))
     result = {
-        "machine": machine.name, "compensator": compensator if isinstance(compensator, str) else compensator.name,
-        "modes": list(modes), "one_mode": len(modes) == 1, "pilot_m": list(pilot_m),
+        "machine": machine.name,
+        "compensator": compensator if isinstance(compensator, str) else compensator.name,
+        "modes": list(modes),
+        "one_mode": len(modes) == 1,
+        "pilot_m": list(pilot_m),
         "rows": [asdict(row) | {"passed": row.passed} for row in rows],
         "omct": {"source": SOURCE, "points": [asdict(point) for point in points]},
-    }  # fmt: skip
+    }
     _write(Path(out), result, rows, points, traces, machine)
     return result
 
 
 def _write(
-    folder: Path, result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point],
-    traces: Sequence[part60.Trace], machine: Machine,
-) -> None:  # fmt: skip
+    folder: Path,
+    result: dict[str, Any],
+    rows: Sequence[Row],
+    points: Sequence[Point],
+    traces: Sequence[part60.Trace],
+    machine: Machine,
+) -> None:
     for trace in traces:
         _write_trace(folder, trace)
     write_text(folder / "machine.toml", tomli_w.dumps(machine_tables(machine)))
@@ -143,11 +156,12 @@ def write_manifest(folder: Path) -> None:
     pack's (a folder in the making has a lock)."""
     files = {
         path.relative_to(folder).as_posix(): {
-            "bytes": path.stat().st_size, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "bytes": path.stat().st_size,
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         }
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.name != "manifest.json" and not path.name.startswith(".")
-    }  # fmt: skip
+    }
     versions = {"hexsim": __version__, "mujoco": mujoco.__version__, "python": platform.python_version()}
     write_text(folder / "manifest.json", json.dumps({"versions": versions, "files": files}, indent=1))
 
@@ -160,9 +174,10 @@ def changed_files(folder: Path) -> list[str]:
     return sorted(
         name
         for name in there | set(named)
-        if name not in named or name not in there
+        if name not in named
+        or name not in there
         or hashlib.sha256((folder / name).read_bytes()).hexdigest() != named[name]["sha256"]
-    )  # fmt: skip
+    )
 
 
 def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -> str:

@@ -33,12 +33,28 @@ def page(title: str, how: str, found: Findings, config: str, notes: Sequence[str
     judged = [row for row in found.rows if row.passed is not None]
     verdict = [("yes", "text pass") if row.passed else ("no", "text fail") for row in judged]
     against = [
-        (row.test, row.axis, row.figure, bold(number(row.value)), number(row.limit), row.unit, Cell(*said),
-         small(row.source.replace("+-", "±")))
+        (
+            row.test,
+            row.axis,
+            row.figure,
+            bold(number(row.value)),
+            number(row.limit),
+            row.unit,
+            Cell(*said),
+            small(row.source.replace("+-", "±")),
+        )
         for row, said in zip(judged, verdict, strict=True)
-    ]  # fmt: skip
-    heads = ["test", Column("axis", "text"), Column("figure", "wide"), "value", "limit", Column("unit", "text"), Column("within", "text"),
-             Column("source of the limit", "wide")]  # fmt: skip
+    ]
+    heads = [
+        "test",
+        Column("axis", "text"),
+        Column("figure", "wide"),
+        "value",
+        "limit",
+        Column("unit", "text"),
+        Column("within", "text"),
+        Column("source of the limit", "wide"),
+    ]
     kept = (f"{sum(row.passed is True for row in judged)} of {len(judged)}", "", "limits kept")
     source = remark("[S] read in a source. [K] commonly used in the field, not confirmed from a source.")
     return Report(
@@ -50,9 +66,12 @@ def page(title: str, how: str, found: Findings, config: str, notes: Sequence[str
             Section("The machine", [folded("Declaration", [text_block(config)])]),
         ],
         about=how,
-        top=[lead(_sentence(judged) if judged else "No figure of this motion has a limit."), *map(remark, notes),
-             cards([kept, *_cards(found.rows)])],
-    ).html()  # fmt: skip
+        top=[
+            lead(_sentence(judged) if judged else "No figure of this motion has a limit."),
+            *map(remark, notes),
+            cards([kept, *_cards(found.rows)]),
+        ],
+    ).html()
 
 
 def _sentence(judged: list[Row]) -> str:
@@ -96,8 +115,11 @@ to speed zero. Dynamic threshold: time to 63 % of a step of acceleration. Report
 
 def _tables(rows: list[Row]) -> list[Section]:
     """Reported figures with one row an axis: half-hertz noise, describing function, and what is done in heave alone."""
-    groups = {"half-hertz noise": ("half-hertz noise",), "describing function": ("describing function",),
-              "linearity": ("linearity", "hysteresis", "dynamic threshold")}  # fmt: skip
+    groups = {
+        "half-hertz noise": ("half-hertz noise",),
+        "describing function": ("describing function",),
+        "linearity": ("linearity", "hysteresis", "dynamic threshold"),
+    }
     found = []
     for key, tests in groups.items():
         some = [row for row in rows if row.test in tests]

@@ -47,14 +47,10 @@ ONSET_SHORT = (
 )
 NO_NUMBER = "no published number"
 NOISE = "no published number; [K] commonly beside 1e-6 g²/Hz"
-LEAST_FORCE, LEAST_RATE, LEAST_TURN = 0.3 * g0, math.radians(10.0), math.radians(5.0)  # 3.d: m/s2, rad/s, rad/s2
-MARGIN = 1.05  # over these, so that a rounded figure is not below them
 FREQUENCY_Hz, LENGTH_S, FADE_S = 1.0, 8.0, 2.0  # of the repeatability's sines
 TAIL_S = 0.5  # they go on behind what is judged: who looks ahead must not see the end of the record as a stop
 PILOT_m = (1.5, 0.5, 1.0)  # from the vehicle's centre of gravity: forward, left, up; the applicant's, here an example
-ONSET_PERIOD_S, ONSET_SHARE = 1.0, 0.1  # of the sine that sets in; an onset is this share of its asked peak
-ONSET_m_s2, ONSET_rad_s2 = 0.3, 0.3  # 48 mm and 2.7 deg: far from the limits of a platform that carries people
-NOISE_S = 20.0
+ONSET_SHARE = 0.1  # of the sine that sets in; an onset is this share of its asked peak
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,8 +84,17 @@ class SampledSetpoint(Signal):
         return self._of(time_s, 2)
 
 
-# 3.d
-def signal_of(axis: str, rate_Hz: float, pilot_m: tuple[float, float, float]) -> tuple[Array, Array, Array, Array]:
+# 3.d: 10 deg/s
+def signal_of(
+    axis: str,
+    rate_Hz: float,
+    pilot_m: tuple[float, float, float],
+    *,
+    margin: float = 1.05,  # over these, so that a rounded figure is not below them
+    least_force_m_s2: float = 0.3 * g0,  # 3.d, of 0.3 g
+    least_rate_rad_s: float = math.radians(10.0),  # 3.d
+    least_turn_rad_s2: float = math.radians(5.0),  # 3.d: 5 deg/s2
+) -> tuple[Array, Array, Array, Array]:
     """Time (n,), acceleration (n, 3) at the pilot's place, rates (n, 3), and angular acceleration: a sine of `axis` at the
     vehicle's centre of gravity, faded in, with the rule's smallest amplitudes or a little more; TAIL_S longer than LENGTH_S.
 
@@ -102,9 +107,9 @@ def signal_of(axis: str, rate_Hz: float, pilot_m: tuple[float, float, float]) ->
     force, turn, change = np.zeros((len(time), 3)), np.zeros((len(time), 3)), np.zeros((len(time), 3))
     k = AXES.index(axis)
     if k < 3:
-        force[:, k] = MARGIN * LEAST_FORCE * fade * np.sin(w * time)
+        force[:, k] = margin * least_force_m_s2 * fade * np.sin(w * time)
     else:
-        size = MARGIN * max(LEAST_RATE, LEAST_TURN / w)
+        size = margin * max(least_rate_rad_s, least_turn_rad_s2 / w)
         turn[:, k - 3] = size * fade * np.sin(w * time)
         change[:, k - 3] = size * (fade * w * np.cos(w * time) + slope * np.sin(w * time))
     arm = np.tile(pilot_m, (len(time), 1))
@@ -133,9 +138,13 @@ def washed_out(washout: Washout, axis: str, machine: Machine, pilot_m: tuple[flo
 
 
 def repeatability(
-    rig: MachineRig, washout: Washout, mode: str, axes: tuple[str, ...] = AXES,
-    pilot_m: tuple[float, float, float] = PILOT_m, progress: Callable[[float], None] = lambda fraction: None,
-) -> tuple[list[Row], list[Trace]]:  # fmt: skip
+    rig: MachineRig,
+    washout: Washout,
+    mode: str,
+    axes: tuple[str, ...] = AXES,
+    pilot_m: tuple[float, float, float] = PILOT_m,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> tuple[list[Row], list[Trace]]:
     """Two runs of the same signal, other sensor noise: the largest difference of the platform's linear acceleration in any
     axis, from the fade's end on until LENGTH_S."""
     rows, traces = [], []
@@ -150,9 +159,16 @@ def repeatability(
         }
         largest = max(float(np.abs(values).max()) for values in differences.values())
         rows.append(
-            Row(test=f"3.d repeatability, {mode}", axis=NAMES.get(axis, axis), unit="g", value=largest / g0, limit=0.05,
-                figure="largest difference of two runs, linear, 50 Hz band", source=REPEATABILITY)
-        )  # fmt: skip
+            Row(
+                test=f"3.d repeatability, {mode}",
+                axis=NAMES.get(axis, axis),
+                unit="g",
+                value=largest / g0,
+                limit=0.05,
+                figure="largest difference of two runs, linear, 50 Hz band",
+                source=REPEATABILITY,
+            )
+        )
         traces.append(_trace(f"repeatability_{mode}_{axis}", first, second))
     return rows, traces
 
@@ -169,9 +185,14 @@ def _trace(name: str, first: Motion, second: Motion) -> Trace:
 
 # 4.a
 def onset(
-    machine: Machine, compensator: str | Compensator = "none", axes: tuple[str, ...] = AXES,
+    machine: Machine,
+    compensator: str | Compensator = "none",
+    axes: tuple[str, ...] = AXES,
     progress: Callable[[float], None] = lambda fraction: None,
-) -> tuple[list[Row], list[Trace]]:  # fmt: skip
+    *,
+    onset_m_s2: float = 0.3,  # 48 mm: far from the limits of a platform that carries people
+    onset_rad_s2: float = 0.3,  # 2.7 deg: the same
+) -> tuple[list[Row], list[Trace]]:
     """Time from the host's first packet that moves an axis to the platform's acceleration there, packets at the control rate.
 
     The setpoint is a sine of 1 Hz that sets in, x = A (wt - sin wt)/w^2: the acceleration begins without a step. The time
@@ -185,17 +206,24 @@ def onset(
         for n, axis in enumerate(axes):
             progress(n / len(axes))
             k = AXES.index(axis)
-            size = ONSET_rad_s2 if axis in ROTATIONS else ONSET_m_s2
+            size = onset_rad_s2 if axis in ROTATIONS else onset_m_s2
             time, asked, felt = host.pulse(k, size, place + k)
             found = _first(time, felt, ONSET_SHARE * size)
             figure = f"platform at {ONSET_SHARE:g} of the asked peak, after the packet"
             if found is None:  # later than all limits, so outside
                 found, figure = len(time) * server.tick_s, f"{figure}: not within this time"
             rows += [
-                Row(test="4.a motion onset", axis=NAMES.get(axis, axis), unit="ms", value=1e3 * found, limit=limit,
-                    figure=figure, source=source)
+                Row(
+                    test="4.a motion onset",
+                    axis=NAMES.get(axis, axis),
+                    unit="ms",
+                    value=1e3 * found,
+                    limit=limit,
+                    figure=figure,
+                    source=source,
+                )
                 for limit, source in ((150.0, ONSET), (100.0, ONSET_SHORT))
-            ]  # fmt: skip
+            ]
             unit = "rad_s2" if axis in ROTATIONS else "m_s2"
             traces.append(
                 Trace(name=f"onset_{axis}", columns={"time_s": time, f"asked_{unit}": asked, f"platform_{unit}": felt})
@@ -227,16 +255,23 @@ class _Host:
         if self.server.computer.state != State.NORMAL:
             raise HexsimError("motion onset: the machine does not go to normal")
 
-    def pulse(self, k: int, size: float, place: int) -> tuple[Array, Array, Array]:
+    def pulse(
+        self,
+        k: int,
+        size: float,
+        place: int,
+        *,
+        period_s: float = 1.0,  # of the sine that sets in
+    ) -> tuple[Array, Array, Array]:
         """Time from the first packet that moves, asked and platform's acceleration: out, and back in the same way."""
-        w, tick = 2.0 * math.pi / ONSET_PERIOD_S, self.server.tick_s
-        n = round(2 * ONSET_PERIOD_S / tick)
+        w, tick = 2.0 * math.pi / period_s, self.server.tick_s
+        n = round(2 * period_s / tick)
         t = tick * np.arange(n, dtype=np.float64)
-        asked = np.where(t < ONSET_PERIOD_S, 1.0, -1.0) * size * np.sin(w * t)
+        asked = np.where(t < period_s, 1.0, -1.0) * size * np.sin(w * t)
         one = size * (w * t - np.sin(w * t)) / w**2
-        there = size * ONSET_PERIOD_S / w
-        back = there - size * (w * (t - ONSET_PERIOD_S) - np.sin(w * (t - ONSET_PERIOD_S))) / w**2
-        path, felt = np.where(t < ONSET_PERIOD_S, one, back), np.zeros(n)
+        there = size * period_s / w
+        back = there - size * (w * (t - period_s) - np.sin(w * (t - period_s))) / w**2
+        path, felt = np.where(t < period_s, one, back), np.zeros(n)
         for i in range(n):
             pose = np.zeros(6)
             pose[k] = path[i]
@@ -271,16 +306,26 @@ def envelope(machine: Machine) -> list[Row]:
             ("acceleration, the host's limit", limits.acceleration[k], "/s²"),
         ):
             rows.append(
-                Row(test="envelope", axis=NAMES.get(reach.dof, reach.dof), figure=figure, value=factor * float(value),
-                    unit=unit + suffix, source=NO_NUMBER)
-            )  # fmt: skip
+                Row(
+                    test="envelope",
+                    axis=NAMES.get(reach.dof, reach.dof),
+                    figure=figure,
+                    value=factor * float(value),
+                    unit=unit + suffix,
+                    source=NO_NUMBER,
+                )
+            )
     return rows
 
 
-def noise(rig: MachineRig) -> tuple[list[Row], list[Trace]]:
+def noise(
+    rig: MachineRig,
+    *,
+    noise_s: float = 20.0,  # of a platform that stands
+) -> tuple[list[Row], list[Trace]]:
     """Power spectrum of the platform's linear acceleration while it stands in neutral under control, up to 50 Hz."""
-    still = {axis: SampledSetpoint(spline=CubicSpline([0.0, NOISE_S], [0.0, 0.0])) for axis in rig.axes}
-    scenario = Scenario(name="platform noise", mode="dof", signals=still, duration_s=NOISE_S, fade_s=0.5, fade="smooth")
+    still = {axis: SampledSetpoint(spline=CubicSpline([0.0, noise_s], [0.0, 0.0])) for axis in rig.axes}
+    scenario = Scenario(name="platform noise", mode="dof", signals=still, duration_s=noise_s, fade_s=0.5, fade="smooth")
     motion = rig.play(scenario)
     rows, columns = [], {}
     for axis in AXES[:3]:
@@ -291,7 +336,13 @@ def noise(rig: MachineRig) -> tuple[list[Row], list[Trace]]:
             band = (frequency >= 0.5) & (frequency <= BANDWIDTH_Hz)
             columns |= {"frequency_Hz": frequency[band], f"{axis}_g2_Hz": power[band]}
             rows.append(
-                Row(test="platform noise", axis=NAMES[axis], figure="largest power density, 0.5 to 50 Hz", unit="g²/Hz",
-                    value=float(power[band].max()), source=NOISE)
-            )  # fmt: skip
+                Row(
+                    test="platform noise",
+                    axis=NAMES[axis],
+                    figure="largest power density, 0.5 to 50 Hz",
+                    unit="g²/Hz",
+                    value=float(power[band].max()),
+                    source=NOISE,
+                )
+            )
     return rows, [Trace(name="platform_noise", columns=columns)]

@@ -78,8 +78,16 @@ def frequency_response(curves: Mapping[str, Any]) -> bytes:
         phase.semilogx(curve["frequency_Hz"], np.array(curve["phase_deg"], dtype=float), **style)
     for plot, level, label in ((gain, -3.0, "−3 dB"), (phase, -90.0, "−90°")):
         plot.axhline(level, color=palette.REFERENCE, lw=0.9, ls="--")
-        plot.annotate(label, (1.0, level), xycoords=("axes fraction", "data"), xytext=(3, 0), textcoords="offset points",
-                      va="center", fontsize=8, color=palette.REFERENCE)  # fmt: skip
+        plot.annotate(
+            label,
+            (1.0, level),
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            color=palette.REFERENCE,
+        )
         ticks = [f for f in (0.1, 0.2, 0.5, 1, 2, 5, 10) if f >= 0.9 * plot.get_xlim()[0]]
         plot.set_xticks(ticks, [f"{f:g}" for f in ticks])
         plot.minorticks_off()
@@ -134,8 +142,13 @@ def linearity_and_hysteresis(linearity: Mapping[str, Any], loops: list[Mapping[s
     left.set_title("linearity", loc="left")
     right.set_title("hysteresis", loc="left")
     for curve, color in zip(loops, (palette.RESPONSE, palette.DEVIATION), strict=True):
-        right.plot(1e3 * curve["commanded_m"], 1e3 * curve["response_m"], color=color, lw=1.0,
-                   label=f"{1e3 * curve['speed_m_s']:g} mm/s")  # fmt: skip
+        right.plot(
+            1e3 * curve["commanded_m"],
+            1e3 * curve["response_m"],
+            color=color,
+            lw=1.0,
+            label=f"{1e3 * curve['speed_m_s']:g} mm/s",
+        )
     right.set_xlabel("commanded [mm]")
     right.set_ylabel("response [mm]")
     legend(right)

@@ -54,9 +54,11 @@ class MachineRig:
     """
 
     def __init__(
-        self, machine: Machine, compensator: str | Compensator = "none",
+        self,
+        machine: Machine,
+        compensator: str | Compensator = "none",
         record: Record = lambda scenario, motion: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.machine, self.compensator, self.record = machine, compensator, record
         self.name = machine.name
         self.mechanics = machine.mechanics
@@ -85,8 +87,13 @@ class MachineRig:
         else:
             response = {"z": self.mechanics.forward(positions)[:, 2]}
         motion = Motion(
-            time_s=time, commanded=command, response=response, commanded_acceleration=references,
-            acceleration=acceleration, leg_setpoints=setpoints, leg_positions=positions,
-        )  # fmt: skip
+            time_s=time,
+            commanded=command,
+            response=response,
+            commanded_acceleration=references,
+            acceleration=acceleration,
+            leg_setpoints=setpoints,
+            leg_positions=positions,
+        )
         self.record(scenario, motion)
         return motion

@@ -50,9 +50,15 @@ class Row:
 
 
 def row_of(
-    test: str, axis: str, figure: str, value: float | None, unit: str, limit: float | None = None, *,
+    test: str,
+    axis: str,
+    figure: str,
+    value: float | None,
+    unit: str,
+    limit: float | None = None,
+    *,
     source: str = NO_LIMIT,
-) -> Row:  # fmt: skip
+) -> Row:
     return Row(test=test, axis=NAMES.get(axis, axis), figure=figure, value=value, unit=unit, limit=limit, source=source)
 
 
@@ -101,8 +107,11 @@ def turn_around_curve(
     part = harmonic_deviation(motion.time_s, motion.acceleration[axis], frequency_Hz, bandwidth_Hz, start_s=start)
     limit = turn_around_row(axis, motion, start, frequency_Hz, bandwidth_Hz).limit
     return {
-        "time_s": part.time_s, "harmonic": part.harmonic, "acceleration": part.harmonic + part.band, "limit": limit,
-    }  # fmt: skip
+        "time_s": part.time_s,
+        "harmonic": part.harmonic,
+        "acceleration": part.harmonic + part.band,
+        "limit": limit,
+    }
 
 
 def leg_balance_row(axis: str, motion: Motion, start: float, frequency_Hz: float = 0.5) -> tuple[Row, np.ndarray]:

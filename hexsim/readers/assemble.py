@@ -20,7 +20,6 @@ from hexsim.signals.units import unit_of_name, unit_to_si
 Array = np.ndarray
 LEG_STEMS = ("setpoint", "position", "valve", "pressure_bottom")
 TIME = "time_s"
-TOGETHER = 0.5  # share of a column's samples that stand in the rows of another: both are of one clock
 
 
 @dataclass(kw_only=True, eq=False)
@@ -130,9 +129,10 @@ def by_stamps(raw: RawLog, signals: list[Assigned], time: Channel, path: Path) -
     if not signals:
         return []
     common = [
-        key for key in signals[0].raw.stamps
+        key
+        for key in signals[0].raw.stamps
         if all(key in one.raw.stamps and np.isfinite(one.raw.stamps[key]).mean() > 0.5 for one in signals)
-    ]  # fmt: skip
+    ]
     if not common:
         raise HexsimError(f"{path}: its signals have no clock in common: map signals of one clock")
     clock, others = common[0], {key for one in signals for key in one.raw.stamps} - {common[0]}
@@ -176,21 +176,28 @@ def by_rows(
             columns.remove(one)
         for rows, together in clusters(columns):
             group = ClockGroup(
-                path=path, clock=label, time=np.array(stamps[rows], dtype=float), tick_s=tick,
+                path=path,
+                clock=label,
+                time=np.array(stamps[rows], dtype=float),
+                tick_s=tick,
                 signals={one.name: np.array(one.values[rows], dtype=float) for one in together},
-            )  # fmt: skip
+            )
             group.rows = rows
             groups.append(group)
     return groups
 
 
-def clusters(columns: Iterable[Assigned]) -> list[tuple[Array, list[Assigned]]]:
+def clusters(
+    columns: Iterable[Assigned],
+    *,
+    least_share: float = 0.5,  # share of a column's samples that stand in the rows of another: both are of one clock
+) -> list[tuple[Array, list[Assigned]]]:
     """(rows, columns) that have samples in the same rows: a table with empty cells may hold several clocks."""
     found: list[tuple[Array, list[Assigned]]] = []
     for one in sorted(columns, key=lambda one: -int(np.isfinite(one.values).sum())):
         there = np.isfinite(one.values)
         for k, (mask, together) in enumerate(found):
-            if (mask & there).sum() >= TOGETHER * there.sum():
+            if (mask & there).sum() >= least_share * there.sum():
                 found[k] = mask | there, [*together, one]
                 break
         else:

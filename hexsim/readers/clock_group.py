@@ -11,7 +11,6 @@ import scipy
 from hexsim.signals.table import places
 
 Array = np.ndarray
-AROUND = 101  # steps whose median is the period of a signal there: a log may change its rate, jitter must not
 HOLE = 1.5  # periods: a longer step between two samples is a hole
 
 
@@ -65,11 +64,15 @@ class ClockGroup:
         return np.flatnonzero(np.isfinite(self.signals[name]))
 
 
-def periods(time: Array) -> Array:
+def periods(
+    time: Array,
+    *,
+    around_steps: int = 101,  # steps whose median is the period of a signal there: a log may change its rate, jitter must not
+) -> Array:
     """Time between samples (n - 1,) that is usual around each step."""
     steps = np.diff(time)
     return (
-        scipy.ndimage.median_filter(steps, min(AROUND, len(steps) // 2 * 2 + 1), mode="nearest")
+        scipy.ndimage.median_filter(steps, min(around_steps, len(steps) // 2 * 2 + 1), mode="nearest")
         if len(steps)
         else steps
     )

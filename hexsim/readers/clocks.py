@@ -24,15 +24,9 @@ LEAST = 10  # samples of a clock
 LARGEST = 1e30  # in any SI unit: beyond it a number is damage
 FAR = 20  # periods: a stamp that is alone so far off is wild; a log that falls back by more begins anew
 EVEN = 1e-3  # of a period: stamps as near as this to an even grid are on it
-WIDESPREAD = 0.2  # share of steps that are off; fewer are single faults, not the clock's way
 NEAR = 24  # rows on either side, at least, that tell how many are missing between them
 LONG = 100  # rows over which wander and jitter are told apart
-WIDEST = 201  # rows that a jittered stamp is averaged over, at most: a seventh of the jitter is left
-DRIFT = 3  # order of the curve by which the rate of a clock changes over a log
-KNOWN = 0.15  # standard error of the share of jitter that is in the signals, above which they say nothing
 COUNTS = tuple(2.0**bits for bits in (15, 16, 24, 31, 32))  # values at which counters wrap
-DAY_s = 86_400.0  # at which a time of day does
-WRAP_STEP = 10  # periods: a wrap with at most so many rows lost
 
 
 def settle(group: ClockGroup) -> None:
@@ -97,16 +91,22 @@ def start_at_the_clock(group: ClockGroup) -> None:
             drop(group, np.arange(len(t)) >= other[0], "before the clock was set (stamp 0)")
 
 
-def unwrap(group: ClockGroup, typical: float) -> None:
+def unwrap(
+    group: ClockGroup,
+    typical: float,
+    *,
+    wrap_periods: int = 10,  # periods: a wrap with at most so many rows lost
+    day_s: float = 86_400.0,  # at which a time of day does
+) -> None:
     """Go on where a counter begins anew: it falls by all of its counts but for the time that has passed."""
     falls = np.flatnonzero(np.diff(group.time) < -FAR * typical)
     scales = (group.tick_s,) if group.tick_s != 1.0 else (1.0, 1e-3, 1e-6, 1e-9)
-    ends = sorted({count * scale for count in COUNTS for scale in scales} | {DAY_s})
+    ends = sorted({count * scale for count in COUNTS for scale in scales} | {day_s})
     for end in ends if len(falls) else ():
         step = np.diff(group.time)[falls] + end
-        if np.all((step > 0) & (step < WRAP_STEP * typical)):
+        if np.all((step > 0) & (step < wrap_periods * typical)):
             group.time = group.time + end * np.searchsorted(falls, np.arange(len(group.time)))
-            what = "the time of day passes midnight" if end == DAY_s else f"the counter wraps at {end:.9g} s"
+            what = "the time of day passes midnight" if end == day_s else f"the counter wraps at {end:.9g} s"
             group.note(f"{what}, {len(falls)} times, the first after row {group.row(int(falls[0]))}: it goes on there")
             return
 
@@ -134,25 +134,32 @@ def snap(group: ClockGroup) -> None:
         group.place = place
 
 
-def judge(group: ClockGroup) -> bool:
+def judge(
+    group: ClockGroup,
+    *,
+    widest_rows: int = 201,  # rows that a jittered stamp is averaged over, at most: a seventh of the jitter is left
+    drift_order: int = 3,  # order of the curve by which the rate of a clock changes over a log
+    widespread: float = 0.2,  # share of steps that are off; fewer are single faults, not the clock's way
+    known_error: float = 0.15,  # standard error of the share of jitter that is in the signals, above which they say nothing
+) -> bool:
     """Are the stamps off where the samples are even? Then, in place and with a note, the samples are counted."""
     t, n = group.time, len(group.time)
     period = long_period(t)
     steps = np.diff(t) / max(period, 1e-300)
     off = np.abs(steps - np.maximum(np.round(steps), 1.0)) > EVEN
-    if not period > 0 or np.mean(off) < WIDESPREAD:
+    if not period > 0 or np.mean(off) < widespread:
         return False
     place = np.arange(n) + lost_rows(t, period)
     slope, start = np.polyfit(place, t - t[0], 1)
     line = t[0] + start + slope * place
     rest = t - line
-    drift = np.polynomial.Polynomial.fit(place, rest, DRIFT)(place)
+    drift = np.polynomial.Polynomial.fit(place, rest, drift_order)(place)
     wander, jitter = wander_and_jitter(rest - drift, place)
     resolution = resolution_of(t)
     rounded = float(np.ptp(rest)) < 1.05 * resolution
-    shared = np.mean(np.diff(t) == 0) > WIDESPREAD / 4  # no two samples are taken at once
-    width = WIDEST if wander == 0 else int(np.sqrt(48.0) * jitter / wander)  # where both errors are equal
-    width = min(width, WIDEST, n // 2) // 2 * 2 + 1
+    shared = np.mean(np.diff(t) == 0) > widespread / 4  # no two samples are taken at once
+    width = widest_rows if wander == 0 else int(np.sqrt(48.0) * jitter / wander)  # where both errors are equal
+    width = min(width, widest_rows, n // 2) // 2 * 2 + 1
     if not (rounded or shared) and (jitter < EVEN * period or width < 2 * NEAR // 3):
         return False
     local: Array = np.asarray(scipy.signal.savgol_filter(rest - drift, width, 1)) if width > 2 else rest - drift
@@ -160,7 +167,7 @@ def judge(group: ClockGroup) -> bool:
     evidence = f"their error is below their resolution of {resolution * 1e3:.3g} ms"
     if not rounded:
         share, error = share_in_signals(group, place, rest - slow, slope)
-        told = error < KNOWN
+        told = error < known_error
         if not shared and told and share > 0.5:
             group.note(
                 f"stamps wander by {np.std(rest - slow) * 1e3:.3g} ms and so do the samples ({share:.2f} +- {error:.2f} "
@@ -171,7 +178,7 @@ def judge(group: ClockGroup) -> bool:
             group.note(f"stamps may be off by {np.std(rest - slow) * 1e3:.3g} ms; the signals do not tell: kept")
             return False
         evidence = f"{share:.2f} +- {error:.2f} of it is seen in the signals" if told else "rows share their stamps"
-    chance = jitter * np.sqrt(1.0 / width + (DRIFT + 1) / n)  # of the smoothed stamps of an even clock
+    chance = jitter * np.sqrt(1.0 / width + (drift_order + 1) / n)  # of the smoothed stamps of an even clock
     drifts = float(np.std(slow)) > 3.0 * chance and not rounded
     group.time = line + (slow if drifts else 0.0)
     group.off_s = float(np.std(rest - slow if drifts else rest))

@@ -10,9 +10,6 @@ from hexsim.readers.clocks import LARGEST, LEAST
 from hexsim.readers.possible import Limits, impossible, marker
 from hexsim.signals.table import places
 
-RESTING_s = 0.25  # a quantised signal may stand still for longer when nothing moves
-DWELLS = 0.1  # of the usual step between samples: a signal that comes slower to its limit stops there
-
 
 def blank_bad_values(group: ClockGroup, possible: dict[str, Limits], markers: dict[str, list[float]]) -> None:
     """What is no measurement becomes missing; a channel that is dead is left out.
@@ -127,14 +124,19 @@ def saturated(x: np.ndarray) -> tuple[float, np.ndarray] | None:
     return None
 
 
-def cut_off(x: np.ndarray, at: np.ndarray) -> bool:
+def cut_off(
+    x: np.ndarray,
+    at: np.ndarray,
+    *,
+    dwells: float = 0.1,  # of the usual step between samples: a signal that comes slower to its limit stops there
+) -> bool:
     """Does the signal run into its limit at speed? One that comes to rest there dwells, at an end stop for example."""
     starts, stops = runs(at)
     usual = np.nanmedian(np.abs(np.diff(x))[~at[1:] & ~at[:-1]])
     into = [abs(x[start] - x[max(start - 3, 0)]) / 3 for start in starts if start > 0]
     out_of = [abs(x[min(stop + 2, len(x) - 1)] - x[stop - 1]) / 3 for stop in stops if stop < len(x)]
     steps = np.array([step for step in (*into, *out_of) if np.isfinite(step)])
-    return bool(len(steps) == 0 or np.median(steps) > DWELLS * max(float(usual), 1e-300))
+    return bool(len(steps) == 0 or np.median(steps) > dwells * max(float(usual), 1e-300))
 
 
 def longest_run(mask: np.ndarray) -> int:
@@ -142,11 +144,18 @@ def longest_run(mask: np.ndarray) -> int:
     return int(np.max(stops - starts, initial=0))
 
 
-def frozen(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | None) -> np.ndarray:
+def frozen(
+    group: ClockGroup,
+    name: str,
+    own: np.ndarray,
+    limits: Limits | None,
+    *,
+    resting_s: float = 0.25,  # a quantised signal may stand still for longer when nothing moves
+) -> np.ndarray:
     """Stretches of one value that are longer than chance allows, in a noisy signal: a sensor that has stopped.
 
     With a share p of samples equal to the one before, a run of k has n p^k chances; k is where that is 1e-9. p is taken
-    three times as large as seen, without the two longest runs. A run longer than RESTING_s counts only while another
+    three times as large as seen, without the two longest runs. A run longer than resting_s counts only while another
     signal moves: a quantised sensor of a machine at rest stands still by right, as do held setpoints, noise-free logs.
     """
     x, time = group.signals[name][own], group.time[own]
@@ -163,7 +172,7 @@ def frozen(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | None)
     for start, stop in zip(starts[length >= least].tolist(), stops[length >= least].tolist(), strict=True):
         if name.startswith("position") and at_an_end(float(x[start]), x, limits):
             continue
-        if time[stop] - time[start] < RESTING_s or others_move(group, name, int(own[start]), int(own[stop])):
+        if time[stop] - time[start] < resting_s or others_move(group, name, int(own[start]), int(own[stop])):
             none[start + 1 : stop + 1] = True
     return none
 

@@ -26,11 +26,14 @@ from hexsim.readers.reader import RawLog
 from hexsim.signals.log import Log
 
 MAPPING_NAME = "mapping.toml"  # beside the logs: used for all logs of the folder
-SHORTEST_S = 0.5  # [s] shorter logs are refused
 
 
 def read_stretches(
-    path: Path | str, mapping: Path | str | Mapping | None = None, machine: Machine | None = None
+    path: Path | str,
+    mapping: Path | str | Mapping | None = None,
+    machine: Machine | None = None,
+    *,
+    shortest_s: float = 0.5,  # [s] shorter logs are refused
 ) -> list[Log]:
     """All stretches of a log without a long gap, longest first. See `read_log`."""
     path = Path(path)
@@ -53,15 +56,22 @@ def read_stretches(
     grid = on_one_grid(groups, {name: channel.delay_s for name, channel in mapping.columns.items()}, slowest_Hz)
     fill(grid, {name for group in groups for name in group.held})
     losses = sentences(raw, groups, grid)
-    parts = stretches(grid, SHORTEST_S)
+    parts = stretches(grid, shortest_s)
     if not parts:
         raise HexsimError(
-            f"{path} has no stretch of {SHORTEST_S:g} s without a missing value: {'; '.join(losses) or 'too short'}"
+            f"{path} has no stretch of {shortest_s:g} s without a missing value: {'; '.join(losses) or 'too short'}"
         )
     whole = Log(
-        name=log_name(path), kind=kind, time=grid.time, rate=round(grid.rate, 6), columns=grid.columns, path=path,
-        losses=losses, repaired=grid.repaired, weights=grid.weights,
-    )  # fmt: skip
+        name=log_name(path),
+        kind=kind,
+        time=grid.time,
+        rate=round(grid.rate, 6),
+        columns=grid.columns,
+        path=path,
+        losses=losses,
+        repaired=grid.repaired,
+        weights=grid.weights,
+    )
     return [used_part(whole, part, grid.slack) for part in parts]
 
 

@@ -17,10 +17,7 @@ from hexsim.signals.log import hold_of
 Array = np.ndarray
 SLOWEST_OWN_Hz = 1e-4  # a machine of one's own may be a tank that fills for hours
 RATES_Hz = (5.0, 20_000.0)
-LARGEST_GRID = 50  # samples of the grid a sample of the file
 FILL = 10  # samples: shorter gaps are filled, longer ones end a stretch
-SMOOTH = 2  # samples: up to here a cubic through four neighbours is as good as a sample, beyond it its slope is noise
-STANDS = 0.3  # share of steps that are none, above which a signal is no smooth curve: straight lines
 AT_END = 0.1  # steps of the grid by which a signal goes on at its ends: a grid begins beside samples that wander
 FLAG = (16, 0.9)  # values at most, share of steps that are none: a switch or a mode, which holds between samples
 
@@ -69,7 +66,12 @@ def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float], slowest_
     return grid
 
 
-def grid_of(base: ClockGroup, slowest_Hz: float = RATES_Hz[0]) -> Grid:
+def grid_of(
+    base: ClockGroup,
+    slowest_Hz: float = RATES_Hz[0],
+    *,
+    most_samples: int = 50,  # samples of the grid a sample of the file
+) -> Grid:
     """The grid of a clock: its counted samples, or one that its stamps lie about."""
     t, usual = base.time, periods(base.time)
     period, doubt = long_period(t), np.inf
@@ -95,7 +97,7 @@ def grid_of(base: ClockGroup, slowest_Hz: float = RATES_Hz[0]) -> Grid:
     start = float(t[0]) + phase / rate
     last = int((t[-1] - start) * rate + AT_END) if base.place is None else int(base.place[-1])
     long = np.flatnonzero(np.diff(t) > HOLE * usual)
-    if last + 1 > LARGEST_GRID * len(t):
+    if last + 1 > most_samples * len(t):
         raise HexsimError(
             f"{base.path}: {base.clock} has gaps of {last + 1 - len(t)} samples, the first after row "
             f"{base.row(int(long[0])) if len(long) else 1}: cut it"
@@ -173,11 +175,17 @@ def is_flag(x: Array) -> bool:
     return len(x) > 1 and float(np.mean(np.diff(x) == 0)) > FLAG[1] and len(np.unique(x)) <= FLAG[0]
 
 
-def between(points: Array, place: Array, x: Array) -> Array:
+def between(
+    points: Array,
+    place: Array,
+    x: Array,
+    *,
+    stands_share: float = 0.3,  # share of steps that are none, above which a signal is no smooth curve: straight lines
+) -> Array:
     """x (m,) at places between its samples (n,): a cubic spline of each stretch without a long hole, which keeps what is
     fast; straight lines where it has few samples or stands still often."""
     new = np.interp(points, place, x)
-    if np.mean(np.diff(x) == 0) > STANDS or (np.all(place == np.round(place)) and np.max(np.diff(place)) < HOLE):
+    if np.mean(np.diff(x) == 0) > stands_share or (np.all(place == np.round(place)) and np.max(np.diff(place)) < HOLE):
         return new
     ends = np.flatnonzero(np.diff(place) > FILL * periods(place)) + 1
     for start, stop in zip(np.append(0, ends), np.append(ends, len(place)), strict=True):
@@ -245,7 +253,13 @@ def held_values(x: Array) -> Array | None:
     return value
 
 
-def filled(x: Array, short: Array, held: bool) -> tuple[Array, str]:
+def filled(
+    x: Array,
+    short: Array,
+    held: bool,
+    *,
+    smooth_samples: int = 2,  # samples: up to here a cubic through four neighbours is as good as a sample, beyond it its slope is noise
+) -> tuple[Array, str]:
     """(the signal with its short gaps filled, how): cubic splines, straight lines; a held signal by what was held."""
     good = ~np.isnan(x)
     new = held_values(x) if held else None
@@ -253,12 +267,12 @@ def filled(x: Array, short: Array, held: bool) -> tuple[Array, str]:
     if new is None:
         at, there, values = np.arange(len(x)), np.flatnonzero(good), x[good]
         starts, stops = runs(short)
-        how = "straight lines" if np.any(stops - starts > SMOOTH) else "cubic splines"
+        how = "straight lines" if np.any(stops - starts > smooth_samples) else "cubic splines"
         new = np.interp(at, there, values)
         for start, stop in zip(starts, stops, strict=True):
             i = int(np.searchsorted(there, start))
             near = slice(max(i - 2, 0), i + 2)
-            if stop - start <= SMOOTH and len(there[near]) == 4:
+            if stop - start <= smooth_samples and len(there[near]) == 4:
                 new[start:stop] = np.polyval(np.polyfit(there[near] - start, values[near], 3), at[start:stop] - start)
     return np.where(short, new, x), how
 

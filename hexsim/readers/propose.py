@@ -27,15 +27,8 @@ from hexsim.signals.table import measured_columns, places, table
 from hexsim.signals.units import UNITS, canonical, unit_of_name
 
 Array = np.ndarray
-WORD, OTHER_WORD, NUMBER, OTHER_NUMBER, STATED = 3.0, -3.0, 2.0, -6.0, 2.0  # scores: e^3 is 20 to 1
-LEAST = -1.5  # score below which a signal is rather none of the machine's
-SPREAD = 1.5  # standard deviation of the logarithm of a signal's span about the usual one: a factor of 4.5
-STRANGE = -4.0  # score that a span can lose, at most
-NEVER = -1e6
 FOLLOWS = 0.9  # correlation of a position with its setpoint
 DRIVES = 0.4  # correlation of volts with the position's rate
-BETTER = 0.2  # correlation by which another signal must go better with it
-LONGEST_LAG = 200  # samples in which one follows the other
 WORDS = {
     "time": "time t timestamp zeit clock stamp",
     "position": "position pos actual act ist stroke enc encoder travel weg length displacement lvdt y x axis",
@@ -53,10 +46,13 @@ OWN = {  # words that no other column shares
     for stem, words in WORDS.items()
 }
 USUAL = {  # units without being told, the commonest first
-    "s": ("s", "ms", "us"), "m": ("m", "mm", "cm", "in", "um"), "V": ("V", "mV"),
-    "Pa": ("Pa", "bar", "MPa", "psi", "kPa"), "m_s2": ("m_s2", "g", "mm_s2"), "rad_s2": ("rad_s2", "deg_s2"),
-}  # fmt: skip
-RARER = 0.4  # score that each unit further down the list loses
+    "s": ("s", "ms", "us"),
+    "m": ("m", "mm", "cm", "in", "um"),
+    "V": ("V", "mV"),
+    "Pa": ("Pa", "bar", "MPa", "psi", "kPa"),
+    "m_s2": ("m_s2", "g", "mm_s2"),
+    "rad_s2": ("rad_s2", "deg_s2"),
+}
 
 
 @dataclass(kw_only=True)
@@ -116,17 +112,29 @@ def limits_of(stem: str, machine: Machine) -> tuple[float, float, float, float]:
     return found[stem]
 
 
-def score(raw: RawSignal, column: str, machine: Machine, first: int = 1) -> Guess | None:
+def score(
+    raw: RawSignal,
+    column: str,
+    machine: Machine,
+    first: int = 1,
+    *,
+    spread: float = 1.5,  # standard deviation of the logarithm of a signal's span about the usual one: a factor of 4.5
+    strange_score: float = -4.0,  # score that a span can lose, at most
+    rarer_score: float = 0.4,  # score that each unit further down the list loses
+    word_score: float = 3.0,  # scores: e^3 is 20 to 1
+    other_word_score: float = -3.0,  # a word of another column
+    stated_score: float = 2.0,  # a unit that is stated
+) -> Guess | None:
     """How well a signal fits a column; None where it cannot be it. first: number of the first leg in names."""
     signal, place = places()[column]
     stem = signal.stem
     guess = Guess(column=column, signal=raw, unit=signal.unit, stated=False, score=0.0)
     words = words_of(raw.name)
     if named := [word for word in words if word in WORDS[stem].split()]:
-        guess.score += WORD + min(len(set(named)) - 1, 1)
+        guess.score += word_score + min(len(set(named)) - 1, 1)
         guess.reasons.append(f"its name says {named[-1]}")
     if any(word in OWN[other] for word in words for other in OWN if other != stem):
-        guess.score += OTHER_WORD
+        guess.score += other_word_score
     if machine.n_legs > 1 and signal.scope in ("leg", "translation", "rotation"):
         guess.score += place_score(raw.name, words, signal.scope, place + (first if signal.scope == "leg" else 0))
     unit = canonical(raw.unit) or canonical(unit_of_name(raw.short)[1] or "")
@@ -138,7 +146,7 @@ def score(raw: RawSignal, column: str, machine: Machine, first: int = 1) -> Gues
         if UNITS[unit][2] != kind:
             return None
         guess.unit, guess.stated = unit, True
-        guess.score += STATED
+        guess.score += stated_score
         guess.reasons.append(f"it is in {unit}")
         usual = (unit,)
     else:
@@ -149,24 +157,38 @@ def score(raw: RawSignal, column: str, machine: Machine, first: int = 1) -> Gues
         a, b = np.quantile(inside, [0.02, 0.98]) * factor + offset
         if low <= a and b <= high and b - a >= span:
             guess.unit = name
-            guess.score -= RARER * k
-            guess.score += max(-0.5 * (np.log(max(b - a, 1e-12) / usual_span) / SPREAD) ** 2, STRANGE)
+            guess.score -= rarer_score * k
+            guess.score += max(-0.5 * (np.log(max(b - a, 1e-12) / usual_span) / spread) ** 2, strange_score)
             guess.reasons.append(f"{a:.3g} to {b:.3g} {signal.unit} is what the machine can have")
             return guess
     return None
 
 
-def place_score(name: str, words: Sequence[str], scope: str, place: int) -> float:
+def place_score(
+    name: str,
+    words: Sequence[str],
+    scope: str,
+    place: int,
+    *,
+    number_score: float = 2.0,  # e^2 is 7 to 1
+    other_number_score: float = -6.0,  # of another leg or axis
+) -> float:
     """By the leg's number or the axis' letter in a name. place: the leg as names count it, or the axis from 0."""
     if scope == "leg":
         numbers = numbers_of(name)
-        return NUMBER if place in numbers else OTHER_NUMBER if numbers else 0.0
+        return number_score if place in numbers else other_number_score if numbers else 0.0
     letters = [word[0] for word in words if re.fullmatch("[xyz]|roll|pitch|yaw", word)]
     axis = ("xyz", "rpy")["roll" in words or "pitch" in words or "yaw" in words][place % 3]
-    return NUMBER if axis in letters else OTHER_NUMBER if letters else 0.0
+    return number_score if axis in letters else other_number_score if letters else 0.0
 
 
-def propose(raw: RawLog, machine: Machine) -> Proposal:
+def propose(
+    raw: RawLog,
+    machine: Machine,
+    *,
+    least_score: float = -1.5,  # score below which a signal is rather none of the machine's
+    never_score: float = -1e6,  # of a signal that cannot be the column
+) -> Proposal:
     """Which signal is which. HexsimError is left to the reader of the mapping: a proposal may be empty."""
     columns = list(measured_columns(machine.n_legs))
     if machine.cylinder.rod_side == "valve":
@@ -176,21 +198,23 @@ def propose(raw: RawLog, machine: Machine) -> Proposal:
     seen = {number for signal in signals for number in numbers_of(signal.name)}
     first = 0 if 0 in seen and 6 not in seen else 1
     fits = [[score(signal, column, machine, first) for column in columns] for signal in signals]
-    gain = np.array([[NEVER if one is None else one.score for one in row] for row in fits]).reshape(len(signals), -1)
-    free = np.full((len(signals), len(signals)), LEAST)  # rather none
+    gain = np.array([[never_score if one is None else one.score for one in row] for row in fits]).reshape(
+        len(signals), -1
+    )
+    free = np.full((len(signals), len(signals)), least_score)  # rather none
     rows, places_taken = scipy.optimize.linear_sum_assignment(np.hstack([gain, free]), maximize=True)
     guesses = [
-        one for row, k in zip(rows, places_taken, strict=True)
-        if k < len(columns) and (one := fits[row][k]) is not None
-    ]  # fmt: skip
+        one for row, k in zip(rows, places_taken, strict=True) if k < len(columns) and (one := fits[row][k]) is not None
+    ]
     driven(guesses, machine)
     guesses = by_relation(guesses, machine)
     used = {id(one.signal) for one in guesses}
     return Proposal(
-        guesses=sorted(guesses, key=lambda one: columns.index(one.column)), time=time,
+        guesses=sorted(guesses, key=lambda one: columns.index(one.column)),
+        time=time,
         unused=[signal.name for signal in signals if id(signal) not in used],
         missing=[column for column in columns if column not in {one.column for one in guesses}],
-    )  # fmt: skip
+    )
 
 
 def time_of(raw: RawLog) -> Guess | None:
@@ -221,7 +245,12 @@ def time_of(raw: RawLog) -> Guess | None:
     )
 
 
-def driven(guesses: list[Guess], machine: Machine) -> None:
+def driven(
+    guesses: list[Guess],
+    machine: Machine,
+    *,
+    better: float = 0.2,  # correlation by which another signal must go better with it
+) -> None:
     """Exchange a leg's volts with another signal without a telling name where the position's rate goes with that one."""
     for leg in range(machine.n_legs):
         of_leg = {stem: places_column(stem, leg, machine.n_legs) for stem in ("position", "valve")}
@@ -236,7 +265,7 @@ def driven(guesses: list[Guess], machine: Machine) -> None:
         others = [one for one in guesses if one is not valve and one is not position and not named_for(one)]
         others = [one for one in others if score(one.signal, valve.column, machine) and one.column[:8] != "setpoint"]
         best = max(others, key=alike, default=None)
-        if best is not None and alike(best) > max(DRIVES, alike(valve) + BETTER):
+        if best is not None and alike(best) > max(DRIVES, alike(valve) + better):
             a, b = score(best.signal, valve.column, machine), score(valve.signal, best.column, machine)
             if a is not None and b is not None:
                 guesses[guesses.index(best)], guesses[guesses.index(valve)] = b, a
@@ -275,8 +304,11 @@ def named_for(guess: Guess) -> bool:
 
 def places_column(stem: str, leg: int, n_legs: int) -> str:
     """Column of a leg, from 0."""
-    return next(name for name, (signal, place) in places().items()
-                if signal.stem == stem and name in signal.columns(n_legs) and (n_legs == 1 or place == leg))  # fmt: skip
+    return next(
+        name
+        for name, (signal, place) in places().items()
+        if signal.stem == stem and name in signal.columns(n_legs) and (n_legs == 1 or place == leg)
+    )
 
 
 def smooth(values: Array) -> Array:
@@ -284,25 +316,31 @@ def smooth(values: Array) -> Array:
     return np.convolve(values, np.ones(25) / 25, "same")
 
 
-def lag_of(first: Array, second: Array) -> tuple[int, float]:
-    """(samples by which `second` is later, correlation there), within LONGEST_LAG either way."""
+def lag_of(
+    first: Array,
+    second: Array,
+    *,
+    longest_lag: int = 200,  # samples in which one follows the other
+) -> tuple[int, float]:
+    """(samples by which `second` is later, correlation there), within longest_lag either way."""
     a, b = (np.nan_to_num(x - np.nanmean(x)) for x in (first, second))
     size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
     if size == 0.0:
         return 0, 0.0
-    n = 1 << (len(a) + LONGEST_LAG - 1).bit_length()
+    n = 1 << (len(a) + longest_lag - 1).bit_length()
     both = np.fft.irfft(np.conj(np.fft.rfft(a, n)) * np.fft.rfft(b, n), n)
-    near = np.r_[both[-LONGEST_LAG:], both[: LONGEST_LAG + 1]] / size
+    near = np.r_[both[-longest_lag:], both[: longest_lag + 1]] / size
     k = int(np.argmax(np.abs(near)))
-    return k - LONGEST_LAG, float(near[k])
+    return k - longest_lag, float(near[k])
 
 
 def as_toml(proposal: Proposal, machine: Machine, source: str) -> str:
     """The mapping file, a line a column with what speaks for it, all six legs in one where they are named alike."""
     lines = [
         f"# Proposed by `hexsim map` from {source}: read it, correct it, and put it beside the logs.",
-        f'kind = "{"hexapod" if machine.is_hexapod else "bench"}"', "[columns]",
-    ]  # fmt: skip
+        f'kind = "{"hexapod" if machine.is_hexapod else "bench"}"',
+        "[columns]",
+    ]
     if proposal.time is not None:
         lines.append(line(proposal.time, "time_s", proposal.time.signal))
     done: set[str] = set()

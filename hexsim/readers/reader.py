@@ -19,8 +19,6 @@ from hexsim.readers.mapping import FileLayout
 
 MAX_ROWS = 2_000_000  # samples of a signal that are used: half an hour at 1 kHz
 MAX_CELLS = 32_000_000  # numbers of a file that are kept in memory: a quarter of a gigabyte
-LONGEST_NAME = 80  # characters of a name in a sentence
-MOST_NAMED = 12  # signals that a sentence lists
 Array = np.ndarray
 
 
@@ -115,9 +113,14 @@ class RawLog:
         return self
 
 
-def listed(names: Iterable[str], most: int = MOST_NAMED) -> str:
+def listed(
+    names: Iterable[str],
+    most: int = 12,  # signals that a sentence lists
+    *,
+    most_characters: int = 80,  # characters of a name in a sentence
+) -> str:
     """Names in a sentence, the first few of many."""
-    names = [shortened(name, LONGEST_NAME) for name in names]
+    names = [shortened(name, most_characters) for name in names]
     return ", ".join(names[:most]) + (f" and {len(names) - most} others" if len(names) > most else "")
 
 

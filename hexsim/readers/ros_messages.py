@@ -9,8 +9,6 @@ from typing import Any
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/msg)?/[A-Za-z][A-Za-z0-9_]*")  # of a type
 FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 MOST_ITEMS = 100_000  # of an array in a message, arrays in it multiplied
-LONGEST = 1 << 20  # characters of a definition
-TYPES = 2000  # of a file
 
 
 class BadDefinition(ValueError):
@@ -27,16 +25,23 @@ class Messages:
         self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
         self.store.max_sequence_length = MOST_ITEMS
 
-    def define(self, name: str, text: str) -> None:
+    def define(
+        self,
+        name: str,
+        text: str,
+        *,
+        most_characters: int = 1 << 20,  # characters of a definition
+        most_types: int = 2000,  # of a file
+    ) -> None:
         """Add a type with those that it needs. BadDefinition, or what rosbags raises."""
         from rosbags.typesys import get_types_from_msg
 
         if not isinstance(name, str) or not NAME.fullmatch(name):
             raise BadDefinition(f"a message type is called {str(name)[:40]!r}")
-        if not isinstance(text, str) or len(text) > LONGEST:
+        if not isinstance(text, str) or len(text) > most_characters:
             raise BadDefinition(f"the definition of {name} is no text of less than 1 MB")
         types = get_types_from_msg(text, name)
-        if len(types) > TYPES:
+        if len(types) > most_types:
             raise BadDefinition(f"the definition of {name} holds {len(types)} types")
         for other, (constants, fields) in types.items():
             bad = [key for key, *_ in (*constants, *fields) if not FIELD.fullmatch(key)]

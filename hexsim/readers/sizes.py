@@ -24,8 +24,6 @@ KINDS = {
     *range(12, 19),
 }  # that there are: numbers of 1 to 8 bytes, matrix, compressed, UTF-8 to UTF-32
 HDF5 = 2  # in a MAT-file's header: version 7.3
-COMPLEX = 0x800  # a bit of an array's flags
-NESTED = 20  # structs in structs
 
 
 class Element(IntEnum):
@@ -56,7 +54,11 @@ def inflated(packed: bytes, most: int) -> bytes:
     return zlib.decompressobj().decompress(packed, most + 1)
 
 
-def check_mat(path: Path) -> None:
+def check_mat(
+    path: Path,
+    *,
+    most_levels: int = 20,  # structs in structs
+) -> None:
     """A MAT-file of version 5 by kinds and dimensions of its arrays, wherever they stand. HexsimError where they are too large, or of
     a kind that is none."""
     data = path.read_bytes()
@@ -83,7 +85,7 @@ def check_mat(path: Path) -> None:
             elif kind == Element.MATRIX and length:
                 cells += math.prod(dimensions(inside, at, at + length, order))
                 waiting.append((inside, at, at + length, depth + 1))
-            if cells > MAX_CELLS or elements > ELEMENTS or depth > NESTED:
+            if cells > MAX_CELLS or elements > ELEMENTS or depth > most_levels:
                 raise too_large(path, f"{MAX_CELLS:,} numbers or {ELEMENTS:,} arrays")
 
 
@@ -102,7 +104,14 @@ def tags(data: bytes, start: int, end: int, order: str) -> Iterator[tuple[int, i
         at += 8 + length + (0 if first == Element.COMPRESSED else -length % 8)
 
 
-def is_whole(data: bytes, start: int, end: int, order: str) -> bool:
+def is_whole(
+    data: bytes,
+    start: int,
+    end: int,
+    order: str,
+    *,
+    complex_flag: int = 0x800,  # a bit of an array's flags
+) -> bool:
     """Has the array whose content stands there the parts that its class asks for ("MAT-File Format", MathWorks, table 1-3)?"""
     parts = list(tags(data, start, end, order))
     if [kind for kind, _, _ in parts[:1]] != [Element.FLAGS] or parts[0][2] != 8:
@@ -118,7 +127,7 @@ def is_whole(data: bytes, start: int, end: int, order: str) -> bool:
         [width] = struct.unpack_from(f"{order}i", data, head[0][1])
         needed = len(parts) - len(head) + 2 + (head[1][2] // width * cells if width > 0 else 0)
     else:
-        needed = {Family.CELL: 3 + cells, Family.SPARSE: 6}.get(family, 4) + bool(flags & COMPLEX)
+        needed = {Family.CELL: 3 + cells, Family.SPARSE: 6}.get(family, 4) + bool(flags & complex_flag)
     nested = family in (Family.CELL, Family.STRUCT, Family.OBJECT)
     return len(parts) >= needed and (nested or all(kind != Element.MATRIX for kind, _, _ in parts))
 

@@ -23,10 +23,7 @@ from hexsim.signals.units import canonical
 
 SEPARATORS = {"tab": "\t", ",": ",", ";": ";", "whitespace": " "}
 TRIED = ("\t", ";", ",", "|", " ")  # the earlier one of two that fit alike
-LOOKED_AT = 2000  # lines, at most, that say where the table is
-CHARACTERS, LEAST_LINES = 200_000, 20  # that are looked at: fewer lines of wide tables
 STEADY = 0.8  # share of cells of a column that are values, share of columns that a row of data has
-LONGEST_RECORD = 50  # lines of a cell in quotes with line ends
 WIDEST = 20_000  # columns
 MISSING = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "#N/A", "-", "--")
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
@@ -69,13 +66,19 @@ def split(line: str, separator: str) -> list[str]:
         return line.split(separator)
 
 
-def records(lines: list[str], separator: str, width: int) -> Iterator[tuple[int, list[str]]]:
+def records(
+    lines: list[str],
+    separator: str,
+    width: int,
+    *,
+    most_lines: int = 50,  # lines of a cell in quotes with line ends
+) -> Iterator[tuple[int, list[str]]]:
     """(line, cells) of each record; a cell in quotes may hold line ends where the record then has `width` cells."""
     i = 0
     while i < len(lines):
         cells, last = split(lines[i], separator), i
         if lines[i].count('"') % 2:
-            for j in range(i + 1, min(i + LONGEST_RECORD, len(lines))):
+            for j in range(i + 1, min(i + most_lines, len(lines))):
                 if lines[j].count('"') % 2:
                     try:
                         whole = next(csv.reader(["\n".join(lines[i : j + 1])], delimiter=separator), [])
@@ -94,19 +97,31 @@ def is_value(cell: str) -> bool:
     return bool(NUMBER.fullmatch(cell) or STAMP.fullmatch(cell))
 
 
-def find_table(lines: list[str], layout: FileLayout, path: Path) -> Table:
+def find_table(
+    lines: list[str],
+    layout: FileLayout,
+    path: Path,
+    *,
+    most_lines: int = 2000,  # lines, at most, that say where the table is
+    most_characters: int = 200_000,  # that are looked at: fewer lines of wide tables
+    least_lines: int = 20,  # and these at least
+) -> Table:
     """The table in the first lines of a text. HexsimError where there is none."""
     told = next((re.fullmatch(r"sep=(.)", line.strip("\ufeff\r"), re.IGNORECASE) for line in lines[:1]), None)
     comment, passed = layout.comment, max(layout.skip_rows, (layout.header_row or 1) - 1)
     kept = [
-        i for i, line in enumerate(lines[: passed + LOOKED_AT])
-        if i >= passed and line.strip() and not (comment and line.lstrip().startswith(comment)) and not (told and i == 0)
-    ]  # fmt: skip
+        i
+        for i, line in enumerate(lines[: passed + most_lines])
+        if i >= passed
+        and line.strip()
+        and not (comment and line.lstrip().startswith(comment))
+        and not (told and i == 0)
+    ]
     if not kept:
         raise HexsimError(f"{path} is empty: no row of data")
     if any(max(map(lines[i].count, TRIED)) > WIDEST for i in kept):
         raise HexsimError(f"{path} has a row of more than {WIDEST:,} cells, which are the most: save fewer columns")
-    kept = kept[: max(CHARACTERS // max(len(lines[kept[len(kept) // 2]]), 1), LEAST_LINES)]
+    kept = kept[: max(most_characters // max(len(lines[kept[len(kept) // 2]]), 1), least_lines)]
     tried = (SEPARATORS[layout.separator],) if layout.separator else (told[1],) if told else TRIED
     width = len(layout.columns) if layout.columns else None
     found = [shape for mark in tried if (shape := Shape.of([split(lines[i], mark) for i in kept], mark, width))]
@@ -202,9 +217,15 @@ class Shape:
         if layout.columns is not None:
             before = [line for line, ok in zip(before, good, strict=False) if not ok]
         return Table(
-            separator=self.separator, header=header, first=first, numbers=numbers, decimal_comma=comma, units=units,
-            preamble=before, paired_s=self.time_unit(begins) if paired is not None else 0.0,
-        )  # fmt: skip
+            separator=self.separator,
+            header=header,
+            first=first,
+            numbers=numbers,
+            decimal_comma=comma,
+            units=units,
+            preamble=before,
+            paired_s=self.time_unit(begins) if paired is not None else 0.0,
+        )
 
     def paired(self, begins: int, good: list[bool]) -> tuple[int, list[str]] | None:
         """(row of the names, names) of a table in which every other column is a time that rises, each under the same name

@@ -13,9 +13,6 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal
 
-MOST_ITEMS = 64  # of an array that become signals
-MOST_FIELDS = 1000  # signals of a topic
-DEEPEST = 6  # messages in messages
 HEADER, RECEIVED = "header time", "time of receipt"
 LISTED_CELLS = MAX_CELLS // 4  # numbers that are collected one by one: a Python number takes four times its place
 
@@ -63,10 +60,12 @@ class Topics:
                 other = self.aliases[topic].get(name, name)
                 raw.signals.append(
                     RawSignal(
-                        name=f"{head}.{name}", values=np.array(values), stamps=stamps[topic],
+                        name=f"{head}.{name}",
+                        values=np.array(values),
+                        stamps=stamps[topic],
                         aliases=(other, f"{head}.{other}") if other != name else (),
                     )
-                )  # fmt: skip
+                )
         if not raw.signals:
             raise HexsimError(f"{path} holds no signal of numbers{raw.unread()}")
         if self.cut:
@@ -76,21 +75,31 @@ class Topics:
         return raw
 
 
-def flatten(name: str, value: Any, found: dict[str, float], aliases: dict[str, str], depth: int) -> None:
+def flatten(
+    name: str,
+    value: Any,
+    found: dict[str, float],
+    aliases: dict[str, str],
+    depth: int,
+    *,
+    most_fields: int = 1000,  # signals of a topic
+    most_levels: int = 6,  # messages in messages
+    most_items: int = 64,  # of an array that become signals
+) -> None:
     """Numbers under `value` by their path: items of arrays from 1 on, those of a message with a list of names by name.
 
     aliases: path -> the path that it has by its place, as in the first message.
     """
-    if len(found) >= MOST_FIELDS:
+    if len(found) >= most_fields:
         return
     if isinstance(value, (bool, int, float, np.number, np.bool_)):
         found[name] = as_float(value)
     elif value is None:
         found[name] = math.nan
-    elif depth >= DEEPEST or isinstance(value, (str, bytes)):
+    elif depth >= most_levels or isinstance(value, (str, bytes)):
         return
     elif isinstance(value, (list, tuple, np.ndarray)):
-        for i, item in enumerate(value[:MOST_ITEMS]):
+        for i, item in enumerate(value[:most_items]):
             flatten(f"{name}_{i + 1}", item, found, aliases, depth + 1)
     else:
         inner = members(value)
@@ -101,7 +110,7 @@ def flatten(name: str, value: Any, found: dict[str, float], aliases: dict[str, s
                 continue
             whole = f"{name}.{key}" if name else key
             if labels and key != "name" and isinstance(one, (list, tuple, np.ndarray)) and len(one) == len(labels):
-                for i, (item, label) in enumerate(zip(one, labels[:MOST_ITEMS], strict=False)):
+                for i, (item, label) in enumerate(zip(one, labels[:most_items], strict=False)):
                     aliases.setdefault(f"{whole}.{label}", f"{whole}_{i + 1}")
                     flatten(f"{whole}.{label}", item, found, aliases, depth + 1)
             else:

@@ -31,10 +31,15 @@ def felt_cells(figures: Mapping[str, float | None]) -> list[str]:
     """In the order of FELT_HEADS."""
     share = lambda value: "–" if value is None else f"{100 * value:.1f} %"  # noqa: E731
     return [
-        number(figures["delay_ms"]), share(figures["time_felt"]), share(figures["reversals_felt"]),
-        number(figures["weighted_rms"]), number(figures["weighted_rms_unwanted"]), number(figures["mtvv"]),
-        number(figures["vdv"]), number(figures["jerk_rms"]),
-    ]  # fmt: skip
+        number(figures["delay_ms"]),
+        share(figures["time_felt"]),
+        share(figures["reversals_felt"]),
+        number(figures["weighted_rms"]),
+        number(figures["weighted_rms_unwanted"]),
+        number(figures["mtvv"]),
+        number(figures["vdv"]),
+        number(figures["jerk_rms"]),
+    ]
 
 
 @styled

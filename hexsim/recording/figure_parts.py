@@ -13,7 +13,6 @@ from hexsim.recording.signals import Signals
 from hexsim.recording.summary_table import number
 
 Array = NDArray[np.float64]
-DEAD_BAND_SHOWN_V = 0.15  # half width of the close-up of a flow curve
 
 
 def draw_legs(plots: list[Axes], signals: Signals, curves: dict[int, Array]) -> None:
@@ -92,8 +91,14 @@ def draw_flow(plot: Axes, volts: Array, flow: Array, size: float) -> None:
     plot.axvline(0.0, color=palette.GRID, lw=0.8, zorder=0)
 
 
-def close_up_of_flow(plot: Axes, volts: Array, flow: Array) -> None:
-    near = np.abs(volts) <= DEAD_BAND_SHOWN_V
+def close_up_of_flow(
+    plot: Axes,
+    volts: Array,
+    flow: Array,
+    *,
+    half_width_V: float = 0.15,  # half width of the close-up of a flow curve
+) -> None:
+    near = np.abs(volts) <= half_width_V
     if near.any():
         draw_flow(plot, volts[near], flow[near], size=3.0)
-    plot.set_xlim(-DEAD_BAND_SHOWN_V, DEAD_BAND_SHOWN_V)
+    plot.set_xlim(-half_width_V, half_width_V)

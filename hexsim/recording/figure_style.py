@@ -9,20 +9,22 @@ from io import BytesIO
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
+import numpy as np
 from cycler import cycler
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, NullLocator
+from PIL import Image
 
 from hexsim.recording import palette
 
 Parameters = ParamSpec("Parameters")
 Drawn = TypeVar("Drawn")
 
-WIDTH_IN = 9.6
-DPI = 150
+WIDTH_IN = 9.6  # of a page
+DPI = 150  # sharp on a screen of two pixels a point
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
@@ -82,9 +84,13 @@ class Margins:
         wide = (width - self.left - self.right - (columns - 1) * self.across) / columns
         high = (height - self.top - self.bottom - (rows - 1) * self.between) / rows
         return {
-            "left": self.left / width, "right": 1.0 - self.right / width, "bottom": self.bottom / height,
-            "top": 1.0 - self.top / height, "wspace": self.across / wide, "hspace": self.between / high,
-        }  # fmt: skip
+            "left": self.left / width,
+            "right": 1.0 - self.right / width,
+            "bottom": self.bottom / height,
+            "top": 1.0 - self.top / height,
+            "wspace": self.across / wide,
+            "hspace": self.between / high,
+        }
 
 
 STACKED = Margins()
@@ -144,17 +150,27 @@ def small_multiples(
 def legend(plot: Axes, columns: int = 4) -> None:
     """Above the plot, at the right, out of the way of the curves."""
     plot.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=columns, borderaxespad=0.0, handlelength=1.4,
-        frameon=False, fontsize=8.0, columnspacing=1.2,
-    )  # fmt: skip
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.99),
+        ncols=columns,
+        borderaxespad=0.0,
+        handlelength=1.4,
+        frameon=False,
+        fontsize=8.0,
+        columnspacing=1.2,
+    )
 
 
 def legend_above(figure: Figure, *handles: Artist) -> None:
     """One legend for all plots of a figure, above them."""
     figure.legend(
-        handles=handles, loc="outside upper left", ncols=len(handles), borderaxespad=0.2, handlelength=1.6,
+        handles=handles,
+        loc="outside upper left",
+        ncols=len(handles),
+        borderaxespad=0.2,
+        handlelength=1.6,
         columnspacing=1.3,
-    )  # fmt: skip
+    )
 
 
 def plain_frequencies(plot: Axes) -> None:
@@ -190,10 +206,14 @@ def direction_colors() -> tuple[str, str]:
 def png(figure: Figure, dpi: int = DPI) -> bytes:
     """The figure as the bytes of a PNG file, drawn once: `savefig` lays out, then draws twice.
 
-    Level 1 of compression: 20 % more bytes in a third of the time.
+    Without the alpha channel, for figures are opaque: a tenth fewer bytes. Level 2 of compression: 10 % more bytes than
+    level 6 in two thirds of the time.
     """
     buffer = BytesIO()
     figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
     with matplotlib.rc_context(STYLE):
-        FigureCanvasAgg(figure).print_png(buffer, pil_kwargs={"compress_level": 1})
+        canvas.draw()
+    rgb = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    Image.fromarray(rgb).save(buffer, "png", compress_level=2, dpi=(dpi, dpi))
     return buffer.getvalue()

@@ -28,7 +28,6 @@ from hexsim.recording.config import config_tables
 from hexsim.signals.table import places
 from hexsim.simulation import Run
 
-FRAME_RATE_Hz = 50.0
 POSE = (*(f"platform_{axis}_m" for axis in "xyz"), *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")))
 
 
@@ -97,8 +96,10 @@ def _columns(schema: str, log: pl.DataFrame) -> list[str]:
     measured = schema == "hexsim.measured"
     known = places()
     return [
-        name for name in log.columns if name != "time_s" and (known[name][0].measured if name in known else True) == measured
-    ]  # fmt: skip
+        name
+        for name in log.columns
+        if name != "time_s" and (known[name][0].measured if name in known else True) == measured
+    ]
 
 
 def _rows(log: pl.DataFrame, columns: list[str]) -> Iterator[tuple[int, bytes]]:
@@ -115,18 +116,25 @@ def _stamp(stamp_ns: int) -> dict[str, int]:
     return {"sec": stamp_ns // 1_000_000_000, "nsec": stamp_ns % 1_000_000_000}
 
 
-def _frames(log: pl.DataFrame) -> Iterator[tuple[int, bytes]]:
+def _frames(
+    log: pl.DataFrame,
+    *,
+    frame_rate_Hz: float = 50.0,  # of poses: a viewer draws no more
+) -> Iterator[tuple[int, bytes]]:
     """Poses of the platform, in the world whose origin is the platform's neutral place."""
 
     time = log["time_s"].to_numpy()
-    every = max(1, round(1.0 / (FRAME_RATE_Hz * (time[1] - time[0])))) if len(time) > 1 else 1
+    every = max(1, round(1.0 / (frame_rate_Hz * (time[1] - time[0])))) if len(time) > 1 else 1
     poses = log.select(POSE).to_numpy()[::every]
     turns = scipy.spatial.transform.Rotation.from_euler("ZYX", poses[:, :2:-1]).as_quat()
     for stamp, pose, turn in zip(_stamps(time[::every]), poses.tolist(), turns.tolist(), strict=True):
         message = {
-            "timestamp": _stamp(stamp), "parent_frame_id": "world", "child_frame_id": "platform",
-            "translation": dict(zip("xyz", pose[:3], strict=True)), "rotation": dict(zip("xyzw", turn, strict=True)),
-        }  # fmt: skip
+            "timestamp": _stamp(stamp),
+            "parent_frame_id": "world",
+            "child_frame_id": "platform",
+            "translation": dict(zip("xyz", pose[:3], strict=True)),
+            "rotation": dict(zip("xyzw", turn, strict=True)),
+        }
         yield stamp, json.dumps(message).encode()
 
 
@@ -134,8 +142,13 @@ def _messages(said: Sequence[Message]) -> Iterator[tuple[int, bytes]]:
     """Level 3 is a warning in foxglove.Log."""
     for (stamp,), leg, text in ((_stamps([time_s]), leg, text) for time_s, leg, text in said):
         message = {
-            "timestamp": _stamp(stamp), "level": 3, "message": text, "name": f"leg {leg}", "file": "", "line": 0,
-        }  # fmt: skip
+            "timestamp": _stamp(stamp),
+            "level": 3,
+            "message": text,
+            "name": f"leg {leg}",
+            "file": "",
+            "line": 0,
+        }
         yield stamp, json.dumps(message).encode()
 
 

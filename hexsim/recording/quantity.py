@@ -22,16 +22,45 @@ SCALES: dict[str, tuple[tuple[float, float, str], ...]] = {
     "1": ((0.1, 1.0, ""), (0.0, 1e-2, "%")),
 }
 SPELLED = {
-    "m/s2": "m/s²", "rad/s2": "rad/s²", "m2": "m²", "m3": "m³", "kg m2": "kg·m²", "N s/m": "N·s/m", "N m": "N·m",
-    "Pa s/m3": "Pa·s/m³", "m3/Pa": "m³/Pa", "m3/s/Pa": "m³/(s·Pa)", "m3/s": "m³/s", "N, N m": "N or N·m",
-}  # fmt: skip
+    "m/s2": "m/s²",
+    "rad/s2": "rad/s²",
+    "m2": "m²",
+    "m3": "m³",
+    "kg m2": "kg·m²",
+    "N s/m": "N·s/m",
+    "N m": "N·m",
+    "Pa s/m3": "Pa·s/m³",
+    "m3/Pa": "m³/Pa",
+    "m3/s/Pa": "m³/(s·Pa)",
+    "m3/s": "m³/s",
+    "N, N m": "N or N·m",
+}
 # endings of keys and columns, the longest first
 ENDINGS = {
-    "_m3_s_Pa": "m3/s/Pa", "_Pa_s_m3": "Pa s/m3", "_V_per_m": "V/m", "_m3_Pa": "m3/Pa", "_N_s_m": "N s/m",
-    "_rad_s2": "rad/s2", "_kg_m2": "kg m2", "_m3_s": "m3/s", "_m_s2": "m/s2", "_N_Pa": "N/Pa", "_N_m": "N/m",
-    "_V_s": "V/s", "_m_s": "m/s", "_rad": "rad", "_m2": "m2", "_m3": "m3", "_Pa": "Pa", "_Hz": "Hz", "_kg": "kg",
-    "_m": "m", "_s": "s", "_V": "V", "_N": "N",
-}  # fmt: skip
+    "_m3_s_Pa": "m3/s/Pa",
+    "_Pa_s_m3": "Pa s/m3",
+    "_V_per_m": "V/m",
+    "_m3_Pa": "m3/Pa",
+    "_N_s_m": "N s/m",
+    "_rad_s2": "rad/s2",
+    "_kg_m2": "kg m2",
+    "_m3_s": "m3/s",
+    "_m_s2": "m/s2",
+    "_N_Pa": "N/Pa",
+    "_N_m": "N/m",
+    "_V_s": "V/s",
+    "_m_s": "m/s",
+    "_rad": "rad",
+    "_m2": "m2",
+    "_m3": "m3",
+    "_Pa": "Pa",
+    "_Hz": "Hz",
+    "_kg": "kg",
+    "_m": "m",
+    "_s": "s",
+    "_V": "V",
+    "_N": "N",
+}
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

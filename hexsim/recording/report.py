@@ -87,13 +87,26 @@ def run_report(run: Run, pictures: Mapping[str, bytes], signals: Signals | None 
     return Report(
         f"{run.scenario.name} on {run.machine.name}",
         [
-            Section("Figures of each axis", [table(axis_header(summary), rows), remark(_figures_words(run)) if rows else EMPTY]),
+            Section(
+                "Figures of each axis",
+                [table(axis_header(summary), rows), remark(_figures_words(run)) if rows else EMPTY],
+            ),
             Section("Figures", shown),
             Section("Declared loop", [facts_panel(_loop_facts(loop)), remark(_loop_words(loop))]),
-            Section("How it was run", [facts_panel(facts(summary, run), [
-                messages(said, heads, unfolded=len(said) < 8),
-                folded("Configuration, everything resolved", [text_block(tomli_w.dumps(config_tables(run)))]),
-            ])]),
+            Section(
+                "How it was run",
+                [
+                    facts_panel(
+                        facts(summary, run),
+                        [
+                            messages(said, heads, unfolded=len(said) < 8),
+                            folded(
+                                "Configuration, everything resolved", [text_block(tomli_w.dumps(config_tables(run)))]
+                            ),
+                        ],
+                    )
+                ],
+            ),
         ],
         about=about,
         top=[
@@ -103,7 +116,7 @@ def run_report(run: Run, pictures: Mapping[str, bytes], signals: Signals | None 
             note(f"{stability}." if stability else ""),
             cards(figures_first(summary, driven)),
         ],
-    ).html()  # fmt: skip
+    ).html()
 
 
 def _figures_words(run: Run) -> str:
@@ -212,17 +225,25 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes], si
         for name, axes in felt_of(runs).items()
         if axis in axes
     ]
-    bumps = [picture(png, BUMPS.format(axis_label(name.removeprefix("bumps_")).capitalize()))
-             for name, png in pictures.items() if name.startswith("bumps_")]  # fmt: skip
+    bumps = [
+        picture(png, BUMPS.format(axis_label(name.removeprefix("bumps_")).capitalize()))
+        for name, png in pictures.items()
+        if name.startswith("bumps_")
+    ]
     late = min(
         map(close_up, signals.values()), key=lambda limits: limits[1], default=None
     )  # of the run that ended first
     beside = [
         zoomable(
-            comparison_panels(signals, axis), pictures[f"comparison_{axis}"], BESIDE.format(axis_label(axis), start), SEEN_BESIDE, late
+            comparison_panels(signals, axis),
+            pictures[f"comparison_{axis}"],
+            BESIDE.format(axis_label(axis), start),
+            SEEN_BESIDE,
+            late,
         )
-        for axis in driven if f"comparison_{axis}" in pictures
-    ]  # fmt: skip
+        for axis in driven
+        if f"comparison_{axis}" in pictures
+    ]
     said = [(name, f"{time_s:.3f}", leg, text) for name, run in runs.items() for time_s, leg, text in run.messages]
     tables = [{"axis": AXIS_NAMES[axis], "unit": axis_unit_text(axis), "rows": rows[axis]} for axis in driven]
     warnings = sorted({text for run in runs.values() for text in run.warnings if text != run.reason})
@@ -241,14 +262,25 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes], si
             *sections,
             Section("What a person feels", [table(heads, people), remark(FELT), *bumps]),
             Section("Accelerations and deviations", beside),
-            Section("How it was run", [facts_panel(how, [
-                messages(said, {"compensator": "", "time [s]": "", "leg": "", "message": "text"}),
-                folded("Configuration of the first run, everything resolved", [text_block(tomli_w.dumps(config_tables(first)))]),
-            ])]),
+            Section(
+                "How it was run",
+                [
+                    facts_panel(
+                        how,
+                        [
+                            messages(said, {"compensator": "", "time [s]": "", "leg": "", "message": "text"}),
+                            folded(
+                                "Configuration of the first run, everything resolved",
+                                [text_block(tomli_w.dumps(config_tables(first)))],
+                            ),
+                        ],
+                    )
+                ],
+            ),
         ],
         about=f"{scenario.description or scenario.name} · same machine, same motion, same sensor noise",
         top=[lead(comparison_sentence(tables)), *map(note, warnings)],
-    ).html()  # fmt: skip
+    ).html()
 
 
 def _comparison_table(rows: Sequence[Mapping[str, Any]], band: str) -> Markup:
@@ -261,13 +293,26 @@ def _comparison_table(rows: Sequence[Mapping[str, Any]], band: str) -> Markup:
         counts = row["peak_band"] is not None and not row["note"]
         name = join([bold(row["name"]), small(row["note"])], " ") if row["note"] else bold(row["name"])
         cells = (
-            name, bold(number(row["peak_band"])), bar(row["peak_band"] / largest if counts and largest else None), share(row["ratio"]),
+            name,
+            bold(number(row["peak_band"])),
+            bar(row["peak_band"] / largest if counts and largest else None),
+            share(row["ratio"]),
             *([number(row["times_threshold"], 2)] if felt else []),
             *(number(row[key]) for key in ("peak_raw", "bump_pp", "noise_rms", "fundamental", "tracking_mm")),
-        )  # fmt: skip
+        )
         made.append(Row(cells, "best" if counts and row["peak_band"] == best else ""))
-    heads = ["compensator", f"peak {band} Hz", Column("", "text"), f"relative to {rows[0]['name']}", *felt, "peak raw", "bump p-p",
-             "noise rms", "fundamental", "tracking [mm]"]  # fmt: skip
+    heads = [
+        "compensator",
+        f"peak {band} Hz",
+        Column("", "text"),
+        f"relative to {rows[0]['name']}",
+        *felt,
+        "peak raw",
+        "bump p-p",
+        "noise rms",
+        "fundamental",
+        "tracking [mm]",
+    ]
     return table(heads, made, made)
 
 

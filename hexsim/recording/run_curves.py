@@ -52,8 +52,9 @@ def _legs(title: str, signals: Signals, found: Mapping[int, Array | None], scale
     one = len(found) == 1
     curves = [
         Curve("leg" if one else f"leg {leg}", scale * values, palette.RESPONSE if one else palette.LEGS[leg - 1])
-        for leg, values in found.items() if values is not None
-    ]  # fmt: skip
+        for leg, values in found.items()
+        if values is not None
+    ]
     return Panel(title, signals.time_s, curves)
 
 
@@ -99,12 +100,17 @@ def comparison_panels(runs: Mapping[str, Signals], axis: str) -> list[Panel]:
         f"{leg} [V]": {label: (own.time_s, own.leg(1, "valve")) for label, own in runs.items()},
     }
     return [
-        Panel(title, time, [
-            Curve(label, np.interp(time, own_time, values, left=np.nan, right=np.nan), colors[label])
-            for label, (own_time, values) in curves.items() if values is not None
-        ])
+        Panel(
+            title,
+            time,
+            [
+                Curve(label, np.interp(time, own_time, values, left=np.nan, right=np.nan), colors[label])
+                for label, (own_time, values) in curves.items()
+                if values is not None
+            ],
+        )
         for title, curves in panels.items()
-    ]  # fmt: skip
+    ]
 
 
 def _scaled(values: Array | None, scale: float) -> Array | None:

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from hexsim.simulation import Run
 
 NOTHING = "–"
-LEAST_ACCELERATION = 1e-4  # [m/s2, rad/s2] far below the noise of an accelerometer
 COLUMNS = {
     "fundamental": "fundamental",
     "peak_raw": "peak raw",
@@ -34,9 +33,13 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{decimals}f}" if decimals <= 6 and rounded < 1e6 else f"{value:.{digits - 1}e}"
 
 
-def acceleration(value: float | None) -> str:
+def acceleration(
+    value: float | None,
+    *,
+    least_acceleration: float = 1e-4,  # [m/s2, rad/s2] far below the noise of an accelerometer
+) -> str:
     """An acceleration in m/s2 or rad/s2; one that no sensor sees and nobody feels is about zero."""
-    return "≈0" if value is not None and 0.0 < value < LEAST_ACCELERATION else number(value)
+    return "≈0" if value is not None and 0.0 < value < least_acceleration else number(value)
 
 
 def axis_label(axis: str) -> str:

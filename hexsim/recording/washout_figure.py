@@ -13,13 +13,18 @@ from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, small_multiples, styled
 
 RATE_Hz = 500.0
-BEFORE_s, PUSH_s, RISE_s = 0.5, 4.0, 0.3
+PUSH_s = 4.0  # that the vehicle accelerates
 
 
-def push(size_m_s2: float) -> tuple[np.ndarray, np.ndarray]:
+def push(
+    size_m_s2: float,
+    *,
+    rise_s: float = 0.3,  # of the push, a smooth one
+    before_s: float = 0.5,  # that the vehicle stands
+) -> tuple[np.ndarray, np.ndarray]:
     """Time (n,) and the vehicle's accelerations (n, 3): forward for `PUSH_s`, smoothly on and off."""
-    time = np.arange(0.0, BEFORE_s + PUSH_s + 5.5, 1.0 / RATE_Hz)
-    ramp = np.interp(time, np.cumsum([BEFORE_s, RISE_s, PUSH_s - 2.0 * RISE_s, RISE_s]), [0.0, 1.0, 1.0, 0.0])
+    time = np.arange(0.0, before_s + PUSH_s + 5.5, 1.0 / RATE_Hz)
+    ramp = np.interp(time, np.cumsum([before_s, rise_s, PUSH_s - 2.0 * rise_s, rise_s]), [0.0, 1.0, 1.0, 0.0])
     acceleration = np.zeros((len(time), 3))
     acceleration[:, 0] = size_m_s2 * ramp * ramp * (3.0 - 2.0 * ramp)
     return time, acceleration

@@ -61,9 +61,13 @@ def zoomable(
         '<figure class="zoom">{}<img src="data:image/png;base64,{}" alt="{}"><figcaption class="still">{}</figcaption>'
         '<div class="plots"></div><script type="application/json">{}</script><figcaption class="seen">{}</figcaption></figure>\n'
     ).format(
-        Markup('<p class="question">{}</p>').format(asked) if asked else "", base64.b64encode(png).decode(), asked or rest, rest,
-        Markup(content.replace("<", "\\u003c")), f"{said} {HOW}".strip(),
-    )  # fmt: skip
+        Markup('<p class="question">{}</p>').format(asked) if asked else "",
+        base64.b64encode(png).decode(),
+        asked or rest,
+        rest,
+        Markup(content.replace("<", "\\u003c")),
+        f"{said} {HOW}".strip(),
+    )
 
 
 def _of_panel(panel: Panel, most: int) -> dict[str, Any]:

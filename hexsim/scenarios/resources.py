@@ -21,12 +21,9 @@ try:
 except ImportError:  # Windows: a process has no limit of its own
     resource = None
 
-VALUES_A_TICK = 100  # of 8 bytes, a leg: states, noise and setpoints
 FIGURES_RATE_Hz = (
     20 * BANDWIDTH_Hz
 )  # ticks of figures: a mean over one takes 0.4 % of an amplitude at the end of the band
-COLUMNS_A_LEG = 20  # of the log
-COPIES = 3  # of the log while it is made and plotted
 CONTROL_GROUP = Path("/sys/fs/cgroup")
 
 
@@ -37,7 +34,15 @@ def tick_rate_Hz(machine: Machine) -> float:
     return rate * math.ceil(FIGURES_RATE_Hz / rate)
 
 
-def check_resources(machine: Machine, duration_s: float, folder: Path | None = None) -> None:
+def check_resources(
+    machine: Machine,
+    duration_s: float,
+    folder: Path | None = None,
+    *,
+    values_a_tick: int = 100,  # of 8 bytes, a leg: states, noise and setpoints
+    copies: int = 3,  # of the log while it is made and plotted
+    columns_a_leg: int = 20,  # of the log
+) -> None:
     """Raise HexsimError when the log would not fit into memory, or into the disk of `folder`, or has no two rows."""
     rate = tick_rate_Hz(machine)
     rows, legs = duration_s * machine.sensors.log_rate_Hz, machine.n_legs
@@ -46,8 +51,8 @@ def check_resources(machine: Machine, duration_s: float, folder: Path | None = N
             f"duration {duration_s:g} s is shorter than two samples of the log at {machine.sensors.log_rate_Hz:g} Hz: "
             "make it longer, or raise sensors.log_rate_Hz"
         )
-    memory = 8.0 * legs * (VALUES_A_TICK * duration_s * rate + COPIES * COLUMNS_A_LEG * rows)
-    disk = 3e6 + 16.0 * legs * COLUMNS_A_LEG * rows  # figures and the report, whatever the length
+    memory = 8.0 * legs * (values_a_tick * duration_s * rate + copies * columns_a_leg * rows)
+    disk = 3e6 + 16.0 * legs * columns_a_leg * rows  # figures and the report, whatever the length
     _refuse_beyond(available_memory(), memory, duration_s, "memory")
     if folder is not None:
         _refuse_beyond(shutil.disk_usage(folder).free, disk, duration_s, f"disk for {folder}")

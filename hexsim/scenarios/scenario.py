@@ -146,9 +146,14 @@ class Scenario:
     def to_dict(self) -> dict[str, Any]:
         """The data that `scenario_from_dict` takes."""
         tables: dict[str, Any] = {
-            "name": self.name, "description": self.description, "mode": self.mode, "duration_s": self.duration_s,
-            "fade_s": self.fade_s, "fade": self.fade, "machine_name": self.machine_name,
-        }  # fmt: skip
+            "name": self.name,
+            "description": self.description,
+            "mode": self.mode,
+            "duration_s": self.duration_s,
+            "fade_s": self.fade_s,
+            "fade": self.fade,
+            "machine_name": self.machine_name,
+        }
         if self.figures_from_s is not None:
             tables["figures_from_s"] = self.figures_from_s
         tables["axes"] = {axis: signal_to_dict(signal) for axis, signal in self.signals.items()}

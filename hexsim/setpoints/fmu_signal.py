@@ -26,8 +26,6 @@ from hexsim.foreign_fmu import ForeignFmu
 from hexsim.setpoints.signal import Array, Duration
 from hexsim.setpoints.signal_file import SampledSignal
 
-MOST_STEPS = 1_000_000
-
 
 @dataclass(frozen=True, kw_only=True)
 class FmuSignal(SampledSignal):
@@ -51,8 +49,8 @@ class FmuSignal(SampledSignal):
 
     @cached_property
     def _samples(self) -> tuple[Array, Array]:
-        if self.duration_s / self.sample_s > MOST_STEPS:
-            raise self.refuse("sample_s", f"gives more than {MOST_STEPS} steps in {self.duration_s:g} s")
+        if self.duration_s / self.sample_s > 1e6:  # minutes of an FMU that is stepped through a process
+            raise self.refuse("sample_s", f"gives more than a million steps in {self.duration_s:g} s")
         if not self._is_allowed or not os.path.isfile(self.path):
             ForeignFmu(Path(self.path), allow_native=self._is_allowed)  # says why
         state = os.stat(self.path)

@@ -15,8 +15,6 @@ from pydantic import Field
 from hexsim.declaration import between
 from hexsim.setpoints.signal import Array, Duration, Frequency, Signal, Size
 
-FREQUENCY_GRID_DENOMINATOR = 10_000  # frequencies are taken as fractions of this fineness when a period is looked for
-
 
 @dataclass(frozen=True, kw_only=True)
 class Constant(Signal):
@@ -175,7 +173,8 @@ class Multisine(Signal):
 
     @property
     def period_s(self) -> float | None:
-        parts = [Fraction(f).limit_denominator(FREQUENCY_GRID_DENOMINATOR) for f in self.frequencies_Hz]
+        # a period is looked for among fractions of this fineness
+        parts = [Fraction(f).limit_denominator(10_000) for f in self.frequencies_Hz]
         if any(abs(float(p) - f) > 1e-12 * f for p, f in zip(parts, self.frequencies_Hz, strict=True)):
             return None
         common = Fraction(math.gcd(*(p.numerator for p in parts)), math.lcm(*(p.denominator for p in parts)))

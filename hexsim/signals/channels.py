@@ -11,9 +11,14 @@ from hexsim.signals.table import kind_of, sensors, table
 __all__ = ["SETTLE_S", "channel_arrays", "declared_noise", "kind_of", "measured_noise", "noise_of"]
 Array = np.ndarray
 COMPARED = (
-    "position", "pressure_bottom", "pressure_top", "pressure_difference", "pressure_supply", "acceleration",
+    "position",
+    "pressure_bottom",
+    "pressure_top",
+    "pressure_difference",
+    "pressure_supply",
+    "acceleration",
     "angular_acceleration",
-)  # fmt: skip
+)
 SETTLE_S = 0.3  # [s] at the start of a run that no fit looks at: the unknown initial pressure
 
 

@@ -58,11 +58,21 @@ class Log:
     loaded: bool
 
     def __init__(
-        self, *, name: str, kind: Kind, time: Array, rate: float | None = None,
-        columns: Mapping[str, Array] | None = None, losses: tuple[str, ...] = (),
-        repaired: Mapping[str, Array] | None = None, weights: Mapping[str, Array] | None = None,
-        path: Path | None = None, offset_s: float = 0.0, loaded: bool = False, **signals: Array | None,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        name: str,
+        kind: Kind,
+        time: Array,
+        rate: float | None = None,
+        columns: Mapping[str, Array] | None = None,
+        losses: tuple[str, ...] = (),
+        repaired: Mapping[str, Array] | None = None,
+        weights: Mapping[str, Array] | None = None,
+        path: Path | None = None,
+        offset_s: float = 0.0,
+        loaded: bool = False,
+        **signals: Array | None,
+    ) -> None:
         own = dict(columns or {})
         for key, rows in signals.items():
             names = table()[ATTRIBUTES.get(key, key)].columns(N_LEGS[kind])
@@ -71,10 +81,18 @@ class Log:
             else:
                 own |= zip(names, np.atleast_2d(rows), strict=True)
         given = {
-            "name": name, "kind": kind, "time": time, "columns": own, "losses": tuple(losses), "path": path,
-            "repaired": dict(repaired or {}), "weights": dict(weights or {}), "rate": _rate_of(name, time) if rate is None else rate,
-            "offset_s": offset_s, "loaded": loaded,
-        }  # fmt: skip
+            "name": name,
+            "kind": kind,
+            "time": time,
+            "columns": own,
+            "losses": tuple(losses),
+            "path": path,
+            "repaired": dict(repaired or {}),
+            "weights": dict(weights or {}),
+            "rate": _rate_of(name, time) if rate is None else rate,
+            "offset_s": offset_s,
+            "loaded": loaded,
+        }
         for key, value in given.items():
             object.__setattr__(self, key, value)
 

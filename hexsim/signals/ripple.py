@@ -6,9 +6,6 @@ import numpy as np
 
 from hexsim.compiled import compiled
 
-NEAR_M = 1e-9  # Newton's step below which the next one is none
-MOST_STEPS = 8
-
 
 @compiled
 def rippled(y, amplitude, pitch, phase):
@@ -16,13 +13,21 @@ def rippled(y, amplitude, pitch, phase):
     return y + amplitude * np.sin(2.0 * np.pi * y / pitch + phase)
 
 
-def unrippled(shown: np.ndarray, amplitude: float, pitch: float, phase: float) -> np.ndarray:
+def unrippled(
+    shown: np.ndarray,
+    amplitude: float,
+    pitch: float,
+    phase: float,
+    *,
+    near_m: float = 1e-9,  # Newton's step below which the next one is none
+    most_steps: int = 8,  # Newton's: each squares the error
+) -> np.ndarray:
     """Where a scale stands that shows this (n,) [m]: Newton's steps from what it shows."""
     y, k = shown, 2.0 * np.pi / pitch
-    for _ in range(MOST_STEPS):
+    for _ in range(most_steps):
         angle = k * y + phase
         step = (shown - y - amplitude * np.sin(angle)) / np.maximum(1.0 + amplitude * k * np.cos(angle), 0.1)
         y = y + step
-        if np.max(np.abs(step)) < NEAR_M:
+        if np.max(np.abs(step)) < near_m:
             break
     return y

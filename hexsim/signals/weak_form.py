@@ -13,7 +13,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 Array = np.ndarray
 WHOLE = slice(None)
-HALF_WIDTH_S = 0.02  # [s] half width of the window: 4 periods of noise at 109 Hz fall out, reversals stay
 
 
 @cache
@@ -39,7 +38,12 @@ class Window:
     at: the samples that are asked for, (..., n_at) out. Few of them cost less.
     """
 
-    def __init__(self, rate: float, half_width_s: float = HALF_WIDTH_S, at: slice = WHOLE):
+    def __init__(
+        self,
+        rate: float,
+        half_width_s: float = 0.02,  # 4 periods of noise at 109 Hz fall out, reversals stay
+        at: slice = WHOLE,
+    ):
         self.half = max(round(half_width_s * rate), 2)
         self.dt = 1.0 / rate
         self.at = at
@@ -79,8 +83,14 @@ def velocity(position: Array, acceleration: Array | None, rate: float, half_widt
     slow = window.rate(position)
     if acceleration is None:
         return slow
-    integral = np.concatenate(
-        [np.zeros((*acceleration.shape[:-1], 1)), np.cumsum(0.5 * (acceleration[..., 1:] + acceleration[..., :-1]), axis=-1)],
-        axis=-1,
-    ) / rate  # fmt: skip
+    integral = (
+        np.concatenate(
+            [
+                np.zeros((*acceleration.shape[:-1], 1)),
+                np.cumsum(0.5 * (acceleration[..., 1:] + acceleration[..., :-1]), axis=-1),
+            ],
+            axis=-1,
+        )
+        / rate
+    )
     return slow + integral - window.mean(integral)

@@ -65,10 +65,16 @@ class AskedCompensators:
             made.step(
                 made.start(context),
                 Sample(
-                    time_s=0.0, setpoint_m=half, preview_m=np.full(preview_count(made, context), half), position_m=half,
-                    control_V=0.0, valve_V=0.0, pressure_bottom_Pa=0.5 * supply, pressure_supply_Pa=supply,
+                    time_s=0.0,
+                    setpoint_m=half,
+                    preview_m=np.full(preview_count(made, context), half),
+                    position_m=half,
+                    control_V=0.0,
+                    valve_V=0.0,
+                    pressure_bottom_Pa=0.5 * supply,
+                    pressure_supply_Pa=supply,
                 ),
-            )  # fmt: skip
+            )
         except Exception as error:  # parameters from outside may break an algorithm in any way; the machine goes on
             what = shortened(str(error).partition("\n")[0], 120)
             raise HexsimError(f"the compensator asked for leg {asked.leg} does not start: {what}") from None

@@ -16,17 +16,18 @@ from hexsim.plant.readout import voids
 from hexsim.plant.states import A
 from hexsim.simulation.run_warnings import Cavitation
 
-APART_S = 1.0  # voids that are farther apart are two events
-LONGEST_S = 10.0  # of an event; one that goes on is said, and begins anew
-KEPT = 100  # sentences, the last ones
-
 
 class CavitationWatch:
     """Watches the chambers of a plant. `told` has the last sentences, `count` says how many there were."""
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        *,
+        n_kept: int = 100,  # sentences, the last ones
+    ) -> None:
         self.plant, self.count, self._said = plant, 0, 0
-        self.told: deque[str] = deque(maxlen=KEPT)
+        self.told: deque[str] = deque(maxlen=n_kept)
         self._chambers = chambers(plant)
         self._open: dict[str, tuple[Cavitation, float]] = {}  # and when a void was last seen
 
@@ -66,9 +67,15 @@ class CavitationWatch:
         """The machine stops, or begins anew at time 0: say what is still open."""
         self._close(np.inf)
 
-    def _close(self, now: float) -> None:
+    def _close(
+        self,
+        now: float,
+        *,
+        apart_s: float = 1.0,  # voids that are farther apart are two events
+        longest_s: float = 10.0,  # of an event; one that goes on is said, and begins anew
+    ) -> None:
         for place, (seen, last_s) in list(self._open.items()):
-            if now - last_s > APART_S or now - seen.first_s > LONGEST_S:
+            if now - last_s > apart_s or now - seen.first_s > longest_s:
                 self.told.append(seen.sentence(place))
                 self.count += 1
                 del self._open[place]

@@ -2,7 +2,7 @@
 
 Substitute, for machines whose supply is a constant: P = P0 (V_g/(V_g + dV))^n while the accumulator holds oil, with dV
 what the legs have taken (retraction takes A2 v, extension (A1 - A2) v), and once it is empty the line pressure
-decays in `LINE_DECAY_S`; when the pump runs again it comes back as fast. Sizes: those of [manifold], or its defaults,
+decays in `line_decay_s`; when the pump runs again it comes back as fast. Sizes: those of [manifold], or its defaults,
 4 l and precharge 0.8 P0; n = 1.3.
 """
 
@@ -17,9 +17,7 @@ from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant import Plant
 
-EXPONENT = 1.3
-IDLE_LEAKAGE_m3_s = 5.0e-6  # valves, pump and drain, 0.3 l/min
-LINE_DECAY_S = 0.3
+EXPONENT = 1.3  # [-] of the gas: between isothermal and adiabatic in the seconds of a descent
 
 
 class EmergencySupply:
@@ -65,17 +63,25 @@ class EmergencySupply:
         self._pressure = max(pressure, self.tank)
         plant.change_row(slice(None), P.SUPPLY_PRESSURE, self._pressure)
 
-    def _substitute_pressure(self, running: bool, step: np.ndarray, dt: float) -> float:
+    def _substitute_pressure(
+        self,
+        running: bool,
+        step: np.ndarray,
+        dt: float,
+        *,
+        line_decay_s: float = 0.3,  # of the line's pressure, once the pump has stopped
+        leakage_m3_s: float = 5.0e-6,  # valves, pump and drain, 0.3 l/min
+    ) -> float:
         """Supply pressure after this tick [Pa]."""
         if running:
             self._taken = 0.0
-            return self.nominal + (self._pressure - self.nominal) * math.exp(-dt / LINE_DECAY_S)
+            return self.nominal + (self._pressure - self.nominal) * math.exp(-dt / line_decay_s)
         row = self.plant.rows[0]
         on_valve = row[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
         rod_side = row[P.AREA_TOP] * (np.maximum(-step, 0.0) if on_valve else -step)
         self._taken += float(np.sum(row[P.AREA_BOTTOM] * np.maximum(step, 0.0) + rod_side))
-        self._taken += IDLE_LEAKAGE_m3_s * dt
+        self._taken += leakage_m3_s * dt
         gas = self.nominal * (self._gas / (self._gas + max(self._taken, 0.0))) ** EXPONENT
         if gas > self._precharge * self.nominal:
             return gas
-        return self._pressure * math.exp(-dt / LINE_DECAY_S)
+        return self._pressure * math.exp(-dt / line_decay_s)

@@ -20,7 +20,6 @@ from hexsim.simulation.faults import Fault, HostSilence, LegBlind, PositionSenso
 from hexsim.simulation.safety_manifold import SafetyManifold
 
 Array = NDArray[np.float64]
-FASTEST_m_s = 0.08  # down to the stops
 
 
 class FaultySensors(SensorBank):
@@ -83,20 +82,28 @@ class FaultRun:
         self.computer = computer
         self.supply = EmergencySupply(plant)
         self.bench = Workbench(
-            plant=plant, computer=computer, supply=self.supply, manifold=SafetyManifold(plant), sensors=sensors,
+            plant=plant,
+            computer=computer,
+            supply=self.supply,
+            manifold=SafetyManifold(plant),
+            sensors=sensors,
             tick_s=sensors.tick_s,
-        )  # fmt: skip
+        )
         self._silent_s = min((f.time_s for f in self.faults if isinstance(f, HostSilence)), default=math.inf)
         self.hosted = math.isfinite(self._silent_s)
 
-    def begin(self) -> None:
+    def begin(
+        self,
+        *,
+        fastest_m_s: float = 0.08,  # down to the stops
+    ) -> None:
         """From neutral into manual, or into normal where a host is to fall silent.
 
         With a manifold the legs on their valves are lowered as fast as those on their orifices, within reason.
         """
         if (speed := self.bench.manifold.settling_velocity_m_s()) > 0.0:
             guided = self.computer.guided
-            guided.guidance = dataclasses.replace(guided.guidance, settle_velocity_m_s=min(speed, FASTEST_m_s))
+            guided.guidance = dataclasses.replace(guided.guidance, settle_velocity_m_s=min(speed, fastest_m_s))
         self.computer.command("run_normal" if self.hosted else "run_manual", 0.0)
 
     def host_setpoints(self, time_s: float, setpoints: Array) -> Array | None:

@@ -262,10 +262,19 @@ class EffectFault(Fault):
 KINDS: Mapping[str, type[Fault]] = {
     fault.kind: fault
     for fault in (
-        ValveStuck, SpoolLag, PositionSensor, LegBlind, PressureLoss, PumpTrip, HoseBurst, PowerLoss, PayloadShift,
-        HostSilence, EffectFault,
+        ValveStuck,
+        SpoolLag,
+        PositionSensor,
+        LegBlind,
+        PressureLoss,
+        PumpTrip,
+        HoseBurst,
+        PowerLoss,
+        PayloadShift,
+        HostSilence,
+        EffectFault,
     )
-}  # fmt: skip
+}
 
 
 if TYPE_CHECKING:

@@ -27,9 +27,13 @@ class HostOrders:
     compensator: name of what acts."""
 
     def __init__(
-        self, machine: Machine, computer: MotionComputer, generator: SignalGenerator, host: HostSetpoints,
+        self,
+        machine: Machine,
+        computer: MotionComputer,
+        generator: SignalGenerator,
+        host: HostSetpoints,
         messages: deque[tuple[float, int, str]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.computer, self.generator, self.host, self.messages = computer, generator, host, messages
         self.asked = AskedCompensators(machine)
         self.refused, self.refusals, self.compensator = False, Refusals(), "none"

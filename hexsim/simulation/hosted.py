@@ -17,7 +17,6 @@ from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
 
 Array = NDArray[np.float64]
-STEP_s = 1e-3  # of the differences that stand for the derivatives a host knows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,16 +72,26 @@ class Host:
         for k in np.argsort(arrives, kind="stable"):
             if comes[k]:
                 command = HostCommand(
-                    sequence=int(k), time_s=float(sent[k]), setpoints=tuple(setpoints[k].tolist()), mode=mode,
-                    derivatives=None if changes is None else (tuple(changes[0][k].tolist()), tuple(changes[1][k].tolist())),
-                )  # fmt: skip
+                    sequence=int(k),
+                    time_s=float(sent[k]),
+                    setpoints=tuple(setpoints[k].tolist()),
+                    mode=mode,
+                    derivatives=None
+                    if changes is None
+                    else (tuple(changes[0][k].tolist()), tuple(changes[1][k].tolist())),
+                )
                 yield float(arrives[k]), command
 
 
-def _derivatives(motion: Callable[[Array], Array], time: Array) -> tuple[Array, Array]:
+def _derivatives(
+    motion: Callable[[Array], Array],
+    time: Array,
+    *,
+    step_s: float = 1e-3,  # of the differences that stand for the derivatives a host knows
+) -> tuple[Array, Array]:
     """First and second derivative (n, 6) of a motion that begins at rest."""
-    before, here, after = (motion(np.maximum(time + k * STEP_s, 0.0)) for k in (-1, 0, 1))
-    return (after - before) / (2.0 * STEP_s), (after - 2.0 * here + before) / STEP_s**2
+    before, here, after = (motion(np.maximum(time + k * step_s, 0.0)) for k in (-1, 0, 1))
+    return (after - before) / (2.0 * step_s), (after - 2.0 * here + before) / step_s**2
 
 
 def hosted_setpoints(machine: Machine, scenario: Scenario, host: Host, ticks: int, preview: int) -> Array:

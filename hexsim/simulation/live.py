@@ -38,12 +38,7 @@ from hexsim.simulation.stream import Stream, tick_row
 Array = NDArray[np.float64]
 
 TOP_LEFT = mujoco.mjtGridPos.mjGRID_TOPLEFT  # of the viewer's texts
-SLIDER_SHARE = 0.9  # of the excursion a degree of freedom has alone
-SLIDER_VELOCITY = 0.15  # m/s or rad/s, how fast setpoints follow a slider
-SLIDER_STIFFNESS = 8.0  # rad/s of the critically damped filter behind it
-PUSH_N, PUSH_S = 981.0, 1.0  # a person of 100 kg steps on it for a second
-KEPT = 1000  # messages, the last ones
-LONGEST_DELAY_S = 0.02  # of the valve, that can be set in flight
+PUSH_N = 981.0  # a person of 100 kg steps on it for a second
 SLIDERS = {"x": ("surge_mm", 1e-3), "y": ("sway_mm", 1e-3), "z": ("heave_mm", 1e-3)} | {
     name: (f"{name}_deg", np.pi / 180.0) for name in ("roll", "pitch", "yaw")
 }
@@ -56,11 +51,18 @@ class Follower:
     position: Array
     velocity: Array
 
-    def towards(self, target: Array, dt: float) -> Array:
+    def towards(
+        self,
+        target: Array,
+        dt: float,
+        *,
+        stiffness_rad_s: float = 8.0,  # rad/s of the critically damped filter behind it
+        velocity_m_s: float = 0.15,  # m/s or rad/s, how fast setpoints follow a slider
+    ) -> Array:
         """The next position, `dt` later."""
-        w = SLIDER_STIFFNESS
+        w = stiffness_rad_s
         self.velocity += dt * (w * w * (target - self.position) - 2.0 * w * self.velocity)
-        np.clip(self.velocity, -SLIDER_VELOCITY, SLIDER_VELOCITY, out=self.velocity)
+        np.clip(self.velocity, -velocity_m_s, velocity_m_s, out=self.velocity)
         return self.position + dt * self.velocity
 
 
@@ -73,9 +75,13 @@ def add_floor_and_light(spec: Any, machine: Machine) -> None:
     spec.visual.headlight.diffuse, spec.visual.headlight.ambient = [0.5] * 3, [0.35] * 3
     sky = {"rgb1": [0.85, 0.90, 0.96], "rgb2": [0.55, 0.63, 0.72]}
     spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        width=256, height=1536, **sky,
-    )  # fmt: skip
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        width=256,
+        height=1536,
+        **sky,
+    )
     spec.worldbody.add_light(name="sun", pos=[2 * size, -2 * size, 6 * size], dir=[-0.25, 0.25, -1.0], castshadow=True)
     spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[8 * size, 8 * size, 0.05], rgba=[0.74, 0.75, 0.77, 1.0],
@@ -83,9 +89,13 @@ def add_floor_and_light(spec: Any, machine: Machine) -> None:
     )  # fmt: skip
 
 
-def slider_limits(machine: Machine) -> list[float]:
+def slider_limits(
+    machine: Machine,
+    *,
+    slider_share: float = 0.9,  # of the excursion a degree of freedom has alone
+) -> list[float]:
     """How far each slider goes, m or rad."""
-    return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in excursions(machine.mechanics)]
+    return [slider_share * min(-e.minimum, e.maximum) for e in excursions(machine.mechanics)]
 
 
 def add_sliders(spec: Any, machine: Machine) -> None:
@@ -93,9 +103,14 @@ def add_sliders(spec: Any, machine: Machine) -> None:
     for dof, limit in zip(machine.mechanics.dofs, slider_limits(machine), strict=True):
         name, unit = SLIDERS[dof]
         spec.add_actuator(
-            name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target="slide_1",
-            gainprm=np.zeros(10), biasprm=np.zeros(10), ctrllimited=True, ctrlrange=[-limit / unit, limit / unit],
-        )  # fmt: skip
+            name=name,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            target="slide_1",
+            gainprm=np.zeros(10),
+            biasprm=np.zeros(10),
+            ctrllimited=True,
+            ctrlrange=[-limit / unit, limit / unit],
+        )
 
 
 class LiveMachine:
@@ -106,9 +121,17 @@ class LiveMachine:
     """
 
     def __init__(
-        self, machine: Machine, scenario: Scenario | None = None, compensator: str = "none", seed: int = 0,
-        observe: Callable[[LiveMachine], None] | None = None, stream: Stream | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        machine: Machine,
+        scenario: Scenario | None = None,
+        compensator: str = "none",
+        seed: int = 0,
+        observe: Callable[[LiveMachine], None] | None = None,
+        stream: Stream | None = None,
+        *,
+        longest_delay_s: float = 0.02,  # of the valve, that can be set in flight
+        n_kept: int = 1000,  # messages, the last ones
+    ) -> None:
         self.machine, self.motion, self.observe = machine, LiveMotion(checked(scenario)), observe
         self.stream = stream
         self.kinematics = machine.mechanics
@@ -118,10 +141,10 @@ class LiveMachine:
             add_floor_and_light(spec, machine)
             add_sliders(spec, machine)
 
-        longest = (VALVE_DELAY, tuple(range(machine.n_legs)), {"delay_s": LONGEST_DELAY_S})
+        longest = (VALVE_DELAY, tuple(range(machine.n_legs)), {"delay_s": longest_delay_s})
         self.plant = Plant(machine, model="full", furnish=add_scene, later=[longest])
         self.sliders = slice(self.plant.model.nu - len(self.dofs), self.plant.model.nu)
-        self.messages: deque[tuple[float, int, str]] = deque(maxlen=KEPT)
+        self.messages: deque[tuple[float, int, str]] = deque(maxlen=n_kept)
         self.use_compensator(compensator)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
@@ -193,9 +216,13 @@ class LiveMachine:
         self.machine = machine
         return True
 
-    def push(self) -> None:
+    def push(
+        self,
+        *,
+        push_s: float = 1.0,  # as long as a person takes to step on it
+    ) -> None:
         """Put 100 kg on the platform for a second."""
-        self._push_until_s = self.time_s + PUSH_S
+        self._push_until_s = self.time_s + push_s
 
     def pull(self, perturb: Any) -> None:
         """Take the force of the mouse on the platform from the viewer; none where the mouse pulls at another body."""

@@ -14,14 +14,20 @@ Array = NDArray[np.float64]
 Readings = tuple[
     Array, Array, float, Array | None
 ]  # positions, bottom pressures, supply pressure, rod sides on a valve
-NOISE_S = 10.0  # noise is drawn for this long and then repeats
 
 
 class LiveSensors:
     """A sensor bank at the control rate. Delays are linear between control ticks, as in `Transducers.at`."""
 
-    def __init__(self, plant: Plant, tick_s: float, seed: int) -> None:
-        self.plant, self.noise_ticks = plant, round(NOISE_S / tick_s)
+    def __init__(
+        self,
+        plant: Plant,
+        tick_s: float,
+        seed: int,
+        *,
+        noise_s: float = 10.0,  # noise is drawn for this long and then repeats
+    ) -> None:
+        self.plant, self.noise_ticks = plant, round(noise_s / tick_s)
         self.bank = SensorBank(plant.resolved, self.noise_ticks, tick_s, seed)
         self._stems = ["position", "pressure_bottom"]
         if plant.machine.cylinder.rod_side == "valve":

@@ -11,7 +11,6 @@ from hexsim.scenarios import Scenario
 from hexsim.simulation.simulation import setpoints
 
 Array = NDArray[np.float64]
-BLOCK_TICKS = 250
 
 
 class SignalGenerator:
@@ -32,12 +31,16 @@ class SignalGenerator:
     def restart(self) -> None:
         self._tick, self._block = 0, self._block[:0]
 
-    def rows(self) -> Array:
+    def rows(
+        self,
+        *,
+        block_ticks: int = 250,  # that are computed at once
+    ) -> Array:
         """Setpoints (preview, n_legs) of the next tick and those after it."""
         tick = self._tick
         self._tick += 1
         if not self._first <= tick or tick + self.preview > self._first + len(self._block):
-            ticks = np.minimum(np.arange(tick, tick + BLOCK_TICKS + self.preview), self._last)
+            ticks = np.minimum(np.arange(tick, tick + block_ticks + self.preview), self._last)
             self._block, self._first = self._evaluate(ticks * self.tick_s), tick
         start = tick - self._first
         return self._block[start : start + self.preview]

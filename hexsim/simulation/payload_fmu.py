@@ -24,12 +24,14 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 # Names of motion (what a payload may take) and of load (what it may give), with or without a platform.
 PLATFORM_MOTION = (
-    *(f"platform_{axis}_m" for axis in AXES), *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")),
-    *(f"platform_velocity_{axis}_m_s" for axis in AXES), *(f"platform_angular_velocity_{axis}_rad_s" for axis in AXES),
-    *(f"acceleration_{axis}_m_s2" for axis in AXES), *(f"angular_acceleration_{axis}_rad_s2" for axis in AXES),
-)  # fmt: skip
+    *(f"platform_{axis}_m" for axis in AXES),
+    *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")),
+    *(f"platform_velocity_{axis}_m_s" for axis in AXES),
+    *(f"platform_angular_velocity_{axis}_rad_s" for axis in AXES),
+    *(f"acceleration_{axis}_m_s2" for axis in AXES),
+    *(f"angular_acceleration_{axis}_rad_s2" for axis in AXES),
+)
 PLATFORM_LOAD = (*(f"force_{axis}_N" for axis in AXES), *(f"moment_{axis}_N_m" for axis in AXES))
-LARGEST_LOAD = 1e8  # N and N m: ten thousand tons hang on no motion system
 BENCH_MOTION, BENCH_LOAD = ("position_m", "velocity_m_s", "acceleration_m_s2"), ("force_N",)
 
 
@@ -85,7 +87,14 @@ class PayloadFmu:
                 factors.append(factor)
         return places, references, np.array(factors)
 
-    def before_step(self, time_s: float, plant: Plant, volts: Array) -> Array:
+    def before_step(
+        self,
+        time_s: float,
+        plant: Plant,
+        volts: Array,
+        *,
+        largest_load_N: float = 1e8,  # N and N m: ten thousand tons hang on no motion system
+    ) -> Array:
         """Give the FMU the motion, step it over the tick and put its load on the plant; volts stay.
 
         Raises HexsimError where it fails in the first tick, InterventionError later: the run so far is kept.
@@ -96,11 +105,11 @@ class PayloadFmu:
             values = (motion_of(plant)[places] * factors).tolist()
             given = np.array(self._fmu.step(time_s, plant.context.tick_s, values)) * self._outputs[2]
             load[self._outputs[0]] = given
-            if not (np.abs(load) <= LARGEST_LOAD).all():
-                worst = int(np.argmin(np.abs(load) <= LARGEST_LOAD))
+            if not (np.abs(load) <= largest_load_N).all():
+                worst = int(np.argmin(np.abs(load) <= largest_load_N))
                 raise HexsimError(
                     f"payload {self.path.name} gives {self._load[worst]} = {load[worst]:g}: "
-                    f"{-LARGEST_LOAD:g} to {LARGEST_LOAD:g} is possible"
+                    f"{-largest_load_N:g} to {largest_load_N:g} is possible"
                 )
         except HexsimError as error:
             if time_s > 0.0:

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 LONGEST_S = 25.0  # that is kept
-PERIODS = 2  # of a sine that the figures are taken from
 OTHER_SPAN_S = 4.0  # and of another motion
-SHORTEST_S = 0.5  # that figures can be taken from
-CURVE_STEP_S = 0.002
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +75,14 @@ class RecentMotion:
         """Begin anew: the machine has."""
         self._rows, self._next, self._count = None, 0, 0
 
-    def log(self, live: LiveMachine, since_s: float) -> pl.DataFrame | None:
+    def log(
+        self,
+        live: LiveMachine,
+        since_s: float,
+        *,
+        n_periods: int = 2,  # of a sine that the figures are taken from
+        shortest_s: float = 0.5,  # that figures can be taken from
+    ) -> pl.DataFrame | None:
         """Log of the last periods since `since_s`, in the time of the scenario; None before there is one period.
 
         The mean acceleration over a step, (v_(k+1) - v_k)/T, belongs to the step's middle; so do time and command here.
@@ -87,9 +91,9 @@ class RecentMotion:
         if self._rows is None or scenario is None or not scenario.signals:
             return None
         period, step = scenario.period_s or OTHER_SPAN_S, self._step_s
-        periods = min(int((live.time_s - since_s) / period), PERIODS, int(0.9 * LONGEST_S / period))
+        periods = min(int((live.time_s - since_s) / period), n_periods, int(0.9 * LONGEST_S / period))
         count = min(round(periods * period / step) + 2, self._count)
-        if periods < 1 or count * step < SHORTEST_S:
+        if periods < 1 or count * step < shortest_s:
             return None
         rows = self._rows[(self._next - count + np.arange(count)) % len(self._rows)]
         time, setpoints, qpos, qvel = (rows[:, part] for part in self._parts)
@@ -119,12 +123,23 @@ def motion_figures(scenario: Scenario, axis_names: tuple[str, ...], log: pl.Data
     axis = max(felt, key=lambda name: felt[name])
     grid, curves = reversal_curves(time, motions[driven], scenario.period_s)
     return MotionFigures(
-        axes=axes, times_threshold=felt[axis], felt_axis=axis, driven=driven, curve_time_s=grid, curves=curves,
+        axes=axes,
+        times_threshold=felt[axis],
+        felt_axis=axis,
+        driven=driven,
+        curve_time_s=grid,
+        curves=curves,
         unit="m_s2" if "peak_band_m_s2" in axes[driven] else "rad_s2",
-    )  # fmt: skip
+    )
 
 
-def reversal_curves(time: Array, motion: AxisMotion, period_s: float | None) -> tuple[Array, dict[str, Array]]:
+def reversal_curves(
+    time: Array,
+    motion: AxisMotion,
+    period_s: float | None,
+    *,
+    step_s: float = 0.002,  # of the curves: a control tick
+) -> tuple[Array, dict[str, Array]]:
     """Deviation in the band about the last reversal at the top and at the bottom: its times about it, end -> values."""
     if motion.frequency_Hz is not None:
         part = harmonic_deviation(time, motion.acceleration, motion.frequency_Hz)
@@ -139,7 +154,7 @@ def reversal_curves(time: Array, motion: AxisMotion, period_s: float | None) -> 
             for found in reversals_of_velocity(time, velocity)
         )
     window = min(REVERSAL_WINDOW_S, 0.25 * (period_s or OTHER_SPAN_S))
-    grid = np.arange(-window, window + 0.5 * CURVE_STEP_S, CURVE_STEP_S)
+    grid = np.arange(-window, window + 0.5 * step_s, step_s)
     curves = {}
     for reversal in reversals:
         if at[0] <= reversal.time_s - window and reversal.time_s + window <= at[-1]:

@@ -17,10 +17,14 @@ from hexsim.motion_computer.host_packet import HostCommand
 from hexsim.motion_computer.host_setpoints import HostSetpoints
 from hexsim.motion_computer.states import State
 
-TICKS = 40  # in each state
 
-
-def rehearse(machine: Machine, compensators: Sequence[Compensator], *, four_way: bool) -> None:
+def rehearse(
+    machine: Machine,
+    compensators: Sequence[Compensator],
+    *,
+    four_way: bool,
+    n_ticks: int = 40,  # in each state
+) -> None:
     """four_way: readings hold the rod sides' pressures too."""
     computer = MotionComputer(machine, compensators, None, state=State.NORMAL)
     host, n, tick_s = HostSetpoints(machine, computer.preview), machine.n_legs, 1.0 / machine.controller.rate_Hz
@@ -30,7 +34,7 @@ def rehearse(machine: Machine, compensators: Sequence[Compensator], *, four_way:
         if event:
             computer.command(event, now)
         host.start(mode)
-        for _ in range(TICKS):
+        for _ in range(n_ticks):
             pose = tuple(1e-4 * np.sin(10.0 * now + np.arange(6.0)))
             host.buffer.add(HostCommand(sequence=sequence, time_s=now, setpoints=pose, mode=mode), now)
             computer.last_packet_s = now

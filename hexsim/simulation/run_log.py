@@ -175,9 +175,14 @@ def figures_log(plant: Plant, recorded: Recorded) -> pl.DataFrame:
 
 
 def run_summary(
-    plant: Plant, scenario: Scenario, compensator: str, log: pl.DataFrame, recorded: Recorded, realtime: float,
+    plant: Plant,
+    scenario: Scenario,
+    compensator: str,
+    log: pl.DataFrame,
+    recorded: Recorded,
+    realtime: float,
     warnings: list[str],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """The figures of a run, as in summary.json. Judged on the true acceleration at every tick, not on the noisy sensor,
     whatever the rate of the log."""
     whole = recorded.every == 1 and motion_column("true_acceleration", plant.kinematics.axes[0]) in log.columns

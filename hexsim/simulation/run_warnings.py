@@ -18,13 +18,6 @@ Array = NDArray[np.float64]
 TENDON_ERROR = (
     "peaks of single axes within 0.7 % and waveforms within 1.6 % of full legs"  # shipped hexapods, plain control
 )
-WINDOW_s = 0.5  # in which a swing is sought
-QUICK_s = 0.1  # within which a loop that swings by itself turns; setpoints of platforms turn slower
-SWINGS = 1.0 / 3.0  # of the volts' rms, quicker than that: much more than the edges' steps at a reversal (0.02 to 0.07)
-LEAST = 0.02  # of the whole run's volts: at rest a compensator may answer the noise of pressures by less
-OFTEN = 3.0  # as often as the setpoint: a valve with overlap and friction turns as often
-READING = 10.0  # standard deviations of what the position sensor's noise and counts make of volts
-STABLE_REAL, STABLE_RING = 2.78, 2.83  # h lambda and h omega up to which RK4 is stable
 
 
 def start_warnings(plant: Plant, fast: bool) -> list[str]:
@@ -33,7 +26,12 @@ def start_warnings(plant: Plant, fast: bool) -> list[str]:
     return tendon + time_step_warnings(plant)
 
 
-def time_step_warnings(plant: Plant) -> list[str]:
+def time_step_warnings(
+    plant: Plant,
+    *,
+    stable_real: float = 2.78,  # h lambda up to which RK4 is stable
+    stable_ring: float = 2.83,  # h omega up to which RK4 is stable
+) -> list[str]:
     """A sentence where a constant step is beyond RK4's bound of stability in some state: friction at standstill, or the oil's
     springs at rest. Beyond it the run may diverge, or chatter within bounds."""
     if plant.timestep is None:
@@ -41,8 +39,8 @@ def time_step_warnings(plant: Plant) -> list[str]:
     rule, y = plant.step_rule(), plant.piston_positions()
     stiffest = max(1.0 / chamber_capacity(p, y[i], plant.bottom_pressures()[i]) for i, p in enumerate(plant.rows))
     longest = {
-        "friction where a leg stands still": STABLE_REAL / (STIFF * rule.standstill),
-        "the oil's spring": STABLE_RING / np.sqrt(rule.springs * stiffest),
+        "friction where a leg stands still": stable_real / (STIFF * rule.standstill),
+        "the oil's spring": stable_ring / np.sqrt(rule.springs * stiffest),
     }
     what = min(longest, key=lambda name: longest[name])
     if plant.timestep <= longest[what]:
@@ -86,35 +84,50 @@ def cavitation_warnings(plant: Plant, tick_s: float, positions: Array, act: Arra
         there, largest = void > 0.0, int(np.argmax(void))
         begins = np.flatnonzero(there & ~np.concatenate([[False], there[:-1]]))
         seen = Cavitation(
-            area_m2=area, count=len(begins), first_s=float(time[begins[0]]), duration_s=tick_s * float(there.sum()),
-            largest_m3=float(void[largest]), largest_s=float(time[largest]),
-        )  # fmt: skip
+            area_m2=area,
+            count=len(begins),
+            first_s=float(time[begins[0]]),
+            duration_s=tick_s * float(there.sum()),
+            largest_m3=float(void[largest]),
+            largest_s=float(time[largest]),
+        )
         found.append(seen.sentence(place))
     return found
 
 
-def swing_warnings(machine: Machine, volts: Array, setpoints: Array) -> list[str]:
+def swing_warnings(
+    machine: Machine,
+    volts: Array,
+    setpoints: Array,
+    *,
+    least_swing: float = 0.33,  # of the volts' rms, quicker than that: the edges' steps at a reversal have 0.02 to 0.07
+    least_share: float = 0.02,  # of the whole run's volts: at rest a compensator may answer the noise of pressures by less
+    least_ratio: float = 3.0,  # as often as the setpoint: a valve with overlap and friction turns as often
+    reading_deviations: float = 10.0,  # standard deviations of what the position sensor's noise and counts make of volts
+    window_s: float = 0.5,  # in which a swing is sought
+    quick_s: float = 0.1,  # within which a loop that swings by itself turns; setpoints of platforms turn slower
+) -> list[str]:
     """A sentence on the leg whose position loop swings most by itself. volts, setpoints (m, n_legs): of every control tick, to
     the valves, and of the pistons.
 
-    Sought in windows of WINDOW_s: the volts' part quicker than QUICK_s is SWINGS of their rms and turns OFTEN times as often as
-    the setpoint's speed. A loop that swings (a limit cycle) keeps an error of the time step, which one that settles forgets; an
-    oscillation that takes longer than QUICK_s is not seen.
+    Sought in windows of `window_s`: the volts' part quicker than `quick_s` is `least_swing` of their rms and turns
+    `least_ratio` times as often as the setpoint's speed. A loop that swings (a limit cycle) keeps an error of the time step,
+    which one that settles forgets; an oscillation that takes longer than `quick_s` is not seen.
     """
     tick_s = 1.0 / machine.controller.rate_Hz
-    n, wide = round(WINDOW_s / tick_s), max(round(QUICK_s / tick_s), 1)
+    n, wide = round(window_s / tick_s), max(round(quick_s / tick_s), 1)
     if len(volts) < n + wide:
         return []
     noise = np.array([leg.controller.gain_V_per_m * leg.sensors.position_error_m for leg in machine.legs])
     quick, speed = volts - _moving_mean(volts, wide), np.diff(setpoints, axis=0)
-    least, found = np.maximum(READING * noise, LEAST * volts.std(axis=0)), []
+    least, found = np.maximum(reading_deviations * noise, least_share * volts.std(axis=0)), []
     for first in range(wide, len(volts) - n - wide + 1, n // 2):
         part = slice(first, first + n)
         swing, whole = quick[part].std(axis=0), volts[part].std(axis=0)
-        for k in np.flatnonzero((swing > SWINGS * whole) & (swing > least)):
+        for k in np.flatnonzero((swing > least_swing * whole) & (swing > least)):
             turns = _side_changes(quick[part, k], 0.5 * swing[k])
             asked = _side_changes(speed[part, k], 0.5 * float(speed[part, k].std()))
-            if turns >= max(OFTEN * asked, n * tick_s / QUICK_s):
+            if turns >= max(least_ratio * asked, n * tick_s / quick_s):
                 found.append((float(swing[k]), int(k) + 1, first * tick_s, turns / (2.0 * n * tick_s)))
     if not found:
         return []

@@ -16,7 +16,6 @@ from hexsim.motion_computer.states import State
 from hexsim.plant import Plant
 
 OUT_OF_HAND = Error.LEG_ERROR | Error.PRESSURE_LOW  # of one leg
-LEAST_OPEN = 1.0e-6  # of a blocking valve that is shut
 
 
 def smooth(share: float) -> float:
@@ -51,7 +50,13 @@ class SafetyManifold:
         gains = np.array([self.declared.settling_gain_m3_s_sqrtPa(density) for density in rows[:, P.DENSITY]])
         return float(np.mean(gains * np.sqrt(above) / rows[:, P.AREA_BOTTOM]))
 
-    def tick(self, computer: MotionComputer, dt: float) -> None:
+    def tick(
+        self,
+        computer: MotionComputer,
+        dt: float,
+        *,
+        least_open: float = 1.0e-6,  # of a blocking valve that is shut
+    ) -> None:
         if self.declared is None:
             return
         legs = self._dropped(computer)
@@ -60,7 +65,7 @@ class SafetyManifold:
             step = dt if legs[i] else -dt
             self._blocked[i] = np.clip(self._blocked[i] + step / shutting_s, 0.0, 1.0)
             self._settling[i] = np.clip(self._settling[i] + step / self.declared.settling_time_s, 0.0, 1.0)
-            is_open = max(1.0 - smooth(self._blocked[i]), LEAST_OPEN)
+            is_open = max(1.0 - smooth(self._blocked[i]), least_open)
             gain = self.declared.settling_gain_m3_s_sqrtPa(self.plant.rows[i, P.DENSITY])
             self.open_share[i] = is_open
             self.plant.change_row(i, P.PORT_RESISTANCE, self.declared.port_resistance_Pa_s2_m6 / is_open**2)

@@ -49,11 +49,7 @@ from hexsim.simulation.telemetry import TelemetryRows
 from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
 
 Array = NDArray[np.float64]
-PORT = 47110
-MAX_LAG_S = 0.25  # a longer lag behind real time is skipped
-LONGEST_TICKS = 500  # that a packet may ask for in lockstep
-KEPT = 1000  # messages, the last ones
-CHECK_TICKS = 50  # between checks for divergence, and updates of the oil's temperature
+PORT = 47110  # UDP; any that is free would do
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,11 +76,24 @@ class Server:
     """
 
     def __init__(
-        self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
-        scenario: Scenario | None = None, start: str = "neutral", timestep: float | None = None, seed: int = 0,
-        telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0, host_input: HostInput | None = None,
-        furnish: Callable[[Any], None] | None = None, stream: Stream | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        machine: Machine,
+        host: str = "127.0.0.1",
+        port: int = PORT,
+        *,
+        compensator: str | Compensator = "none",
+        scenario: Scenario | None = None,
+        start: str = "neutral",
+        timestep: float | None = None,
+        seed: int = 0,
+        telemetry: bool = False,
+        lockstep: bool = False,
+        record_s: float = 0.0,
+        host_input: HostInput | None = None,
+        furnish: Callable[[Any], None] | None = None,
+        stream: Stream | None = None,
+        n_kept: int = 1000,  # messages, the last ones
+    ) -> None:
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
         self.machine = machine
@@ -95,7 +104,7 @@ class Server:
         )
         self.tick_s = 1.0 / machine.controller.rate_Hz
         name, made = make_compensators(compensator, machine)
-        self.messages: deque[tuple[float, int, str]] = deque(maxlen=KEPT)
+        self.messages: deque[tuple[float, int, str]] = deque(maxlen=n_kept)
         self.computer = MotionComputer(machine, made, None, lambda *message: self.messages.append(message))
         generator = SignalGenerator(self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview)
         self.kinematics = machine.mechanics
@@ -127,9 +136,14 @@ class Server:
         else:
             cueing = Cueing(asked.washout, machine.controller.rate_Hz)
             self.link = VehicleLink(
-                host, port, self.host.buffer, asked.vehicle, cueing, self._ready,
+                host,
+                port,
+                self.host.buffer,
+                asked.vehicle,
+                cueing,
+                self._ready,
                 lambda text: self.messages.append((self.time_s, 0, text)),
-            )  # fmt: skip
+            )
         self.address = self.link.address
         self.record = ServeRecord(self, record_s, log_rate, seed) if record_s else None
         if start == "off":
@@ -199,7 +213,11 @@ class Server:
                 self.latency.packet(self.time_s, command)
         return commands
 
-    def advance(self) -> None:
+    def advance(
+        self,
+        *,
+        check_ticks: int = 50,  # between checks for divergence, and updates of the oil's temperature
+    ) -> None:
         """Compute the volts and step the plant by one control period."""
         now, plant, computer, link = self.time_s, self.plant, self.computer, self.link
         readings = self.sensors.read(self.ticks * self.samples)
@@ -217,7 +235,7 @@ class Server:
         self.ticks += 1
         if computer.state == State.NORMAL:
             self.latency.tick(self.time_s, plant.data.qacc[: len(self.latency.places)].copy())
-        if self.ticks % CHECK_TICKS == 0:
+        if self.ticks % check_ticks == 0:
             plant.check()
             plant.follow_oil_temperature()
 
@@ -238,7 +256,13 @@ class Server:
                 if self.link.peer:
                     self.link.send_packet(packet)
 
-    def follow(self, timeout_s: float = 0.1, stop: Event | None = None) -> None:
+    def follow(
+        self,
+        timeout_s: float = 0.1,
+        stop: Event | None = None,
+        *,
+        most_ticks: int = 500,  # that a packet may ask for in lockstep
+    ) -> None:
         """In lockstep: wait for a packet and run to the host's time, then answer. A packet that came twice is answered again.
 
         After a new session, and where the host's clock began anew, its time is this machine's now.
@@ -250,7 +274,7 @@ class Server:
             session = counts["sessions"] + counts["resynchronised"]
             if self._offset_s is None or session != self._session:
                 self._offset_s, self._session = self.time_s - host_s, session
-            for _ in range(min(max(round((host_s + self._offset_s - self.time_s) / self.tick_s), 0), LONGEST_TICKS)):
+            for _ in range(min(max(round((host_s + self._offset_s - self.time_s) / self.tick_s), 0), most_ticks)):
                 if stop and stop.is_set():
                     return
                 self.advance()
@@ -264,11 +288,20 @@ class Server:
             self._pose = self.kinematics.forward(self._positions, guess=self._pose)
         newest = self.link.buffer.newest
         return Reply(
-            state=self.computer.state, errors=self.computer.errors, sequence=newest.sequence % 2**32 if newest else 0,
-            arrived=self.computer.arrived, refused=self.orders.refused, time_s=now, behind_s=self.status.behind_s,
-            age_s=now - self.link.buffer.last_packet_s, pose=tuple(self._pose), reference=tuple(self.host.reference),
-            lockstep=self.lockstep, telemetry=self.telemetry is not None, compensated=bool(self.computer.compensators),
-        )  # fmt: skip
+            state=self.computer.state,
+            errors=self.computer.errors,
+            sequence=newest.sequence % 2**32 if newest else 0,
+            arrived=self.computer.arrived,
+            refused=self.orders.refused,
+            time_s=now,
+            behind_s=self.status.behind_s,
+            age_s=now - self.link.buffer.last_packet_s,
+            pose=tuple(self._pose),
+            reference=tuple(self.host.reference),
+            lockstep=self.lockstep,
+            telemetry=self.telemetry is not None,
+            compensated=bool(self.computer.compensators),
+        )
 
     # real time
     @without_timers()
@@ -297,12 +330,17 @@ class Server:
         self.cavitation.end()
         return self._present_status()
 
-    def _keep_time(self, early_s: float) -> float:
+    def _keep_time(
+        self,
+        early_s: float,
+        *,
+        most_lag_s: float = 0.25,  # a longer lag behind real time is skipped
+    ) -> float:
         """Wait where a tick is early; where it is late, note it. Gives the lag that is skipped."""
         if early_s > 0.0:
             clock.sleep(early_s)
         self.status.note_lag(-early_s)
-        if -early_s <= MAX_LAG_S:
+        if -early_s <= most_lag_s:
             return 0.0
         self.status.skipped_s -= early_s
         return -early_s
@@ -322,10 +360,18 @@ class Server:
 
 
 def serve(
-    machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
-    scenario: Scenario | None = None, duration_s: float | None = None, start: str = "neutral",
-    report: Callable[[Status], None] | None = None, stop: Event | None = None, timestep: float | None = None,
-) -> Status:  # fmt: skip
+    machine: Machine,
+    host: str = "127.0.0.1",
+    port: int = PORT,
+    *,
+    compensator: str | Compensator = "none",
+    scenario: Scenario | None = None,
+    duration_s: float | None = None,
+    start: str = "neutral",
+    report: Callable[[Status], None] | None = None,
+    stop: Event | None = None,
+    timestep: float | None = None,
+) -> Status:
     """Run the machine in real time with its host interface until stopped; returns the final status.
 
     Raises HexsimError where the address cannot be had or the machine diverges.

@@ -45,23 +45,40 @@ class ServeRecord:
         server, record, rows = self.server, self.record, slice(0, min(self.done, self.room))
         done = rows.stop
         recorded = Recorded(
-            time=np.arange(done, dtype=float) * self.tick_s, setpoints=self.setpoints[rows],
-            positions=record.positions[rows], qpos=record.qpos[rows], qvel=record.qvel[rows], qacc=record.qacc[rows],
-            mean_acceleration=mean_acceleration(record, done, self.tick_s), act=record.act[rows],
-            timestep=self.tick_s / record.steps[rows], volts=record.volts[rows],
-            spool_volts=record.spool_volts[rows], compensation=self.compensation[rows],
-        )  # fmt: skip
+            time=np.arange(done, dtype=float) * self.tick_s,
+            setpoints=self.setpoints[rows],
+            positions=record.positions[rows],
+            qpos=record.qpos[rows],
+            qvel=record.qvel[rows],
+            qacc=record.qacc[rows],
+            mean_acceleration=mean_acceleration(record, done, self.tick_s),
+            act=record.act[rows],
+            timestep=self.tick_s / record.steps[rows],
+            volts=record.volts[rows],
+            spool_volts=record.spool_volts[rows],
+            compensation=self.compensation[rows],
+        )
         scenario = Scenario(
-            name="serve", mode="actuator", signals={}, duration_s=max(done * self.tick_s, self.tick_s),
+            name="serve",
+            mode="actuator",
+            signals={},
+            duration_s=max(done * self.tick_s, self.tick_s),
             description="what a host or the manual mode asked for",
-        )  # fmt: skip
+        )
         log = run_log(server.plant, scenario, recorded, SensorBank(server.plant.resolved, done, self.tick_s, self.seed))
         margin = server.margin
         warnings = cavitation_warnings(server.plant, self.tick_s, recorded.positions, recorded.act)
         return Run(
-            machine=server.machine, scenario=scenario, compensator=server.compensator, seed=self.seed,
-            model=server.plant.model_kind, timestep=server.plant.timestep, log=log,
-            summary=run_summary(server.plant, scenario, server.compensator, log, recorded, margin, warnings), warnings=warnings,
-            messages=list(server.messages), realtime_factor=margin,
+            machine=server.machine,
+            scenario=scenario,
+            compensator=server.compensator,
+            seed=self.seed,
+            model=server.plant.model_kind,
+            timestep=server.plant.timestep,
+            log=log,
+            summary=run_summary(server.plant, scenario, server.compensator, log, recorded, margin, warnings),
+            warnings=warnings,
+            messages=list(server.messages),
+            realtime_factor=margin,
             compensator_parameters=server.computer.learned(),
-        )  # fmt: skip
+        )

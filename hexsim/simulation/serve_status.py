@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from hexsim.errors import shortened
-
-SILENT_S = 0.5  # without packets of a simulator, before a line says that it is waited for
+from hexsim.simulation.vehicle_link import SILENT_S
 
 
 @dataclass(kw_only=True)

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 DIVERGENCE_LIMIT = 1e9  # MPa, m/s2 or m: no state of a machine
-CHECK_EVERY_S = 0.1  # simulated time between checks of MuJoCo's warnings
 
 
 @dataclass(kw_only=True)
@@ -171,10 +170,21 @@ def simulate(
     summary |= {"compensation": loop.engagement()} if compensators else {}
     summary |= run.faults.summary() if run.faults else {}
     return Run(
-        machine=machine, scenario=scenario, compensator=name, seed=seed, model=plant.model_kind, timestep=timestep, log=log,
-        summary=summary, warnings=warnings, messages=messages, complete=not reason, reason=reason,
-        realtime_factor=realtime, compensator_parameters=loop.learned(),
-    )  # fmt: skip
+        machine=machine,
+        scenario=scenario,
+        compensator=name,
+        seed=seed,
+        model=plant.model_kind,
+        timestep=timestep,
+        log=log,
+        summary=summary,
+        warnings=warnings,
+        messages=messages,
+        complete=not reason,
+        reason=reason,
+        realtime_factor=realtime,
+        compensator_parameters=loop.learned(),
+    )
 
 
 def step_warnings(error: float | None) -> list[str]:
@@ -224,14 +234,20 @@ class TickLoop:
         self.done, self._raised = 0, None
 
     @without_timers()
-    def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
+    def go(
+        self,
+        progress: Callable[[float], None],
+        interventions: Sequence[Any],
+        *,
+        check_every_s: float = 0.1,  # simulated time between checks of MuJoCo's warnings
+    ) -> str:
         """Run to the end; returns "" or why it ended early."""
         loop = None if interventions or not isinstance(self.loop, PositionLoop) else self._compiled_loop()
         if loop is not None:
             self.check.repeat = lambda context, record, volts: run_ticks(
                 context, record, loop._replace(given=volts), 0, len(volts)
             )
-        chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
+        chunk = max(1, round(check_every_s / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
                 last = min(first + chunk, self.ticks)
@@ -285,14 +301,24 @@ class TickLoop:
         asks = bool(self.loop.compensators) or not all(self.sensors[stem].is_direct for stem in sensed)
         self._asked = CONTROL(self._ask)  # kept as long as its address is used
         return PlainLoop(
-            setpoints=self.setpoints, every=self.control_every, control=self.loop.control, memory=self.loop.memory,
-            position=transducer("position"), bottom=transducer("pressure_bottom"), top=transducer(sensed[-1]),
+            setpoints=self.setpoints,
+            every=self.control_every,
+            control=self.loop.control,
+            memory=self.loop.memory,
+            position=transducer("position"),
+            bottom=transducer("pressure_bottom"),
+            top=transducer(sensed[-1]),
             bottom_places=plant.pressure_places,
             top_places=plant.rod_side_places if "pressure_top" in sensed else none,
-            asks=(ctypes.cast(self._asked, ctypes.c_void_p).value or 0) if asks else 0, volts=self.volts, added=self.loop.compensation,
-            pressures=self.pressures, rod_sides=self.rod_sides, rod_side_places=plant.rod_side_places,
-            compensation=self.compensation, given=np.zeros((0, len(self.volts))),
-        )  # fmt: skip
+            asks=(ctypes.cast(self._asked, ctypes.c_void_p).value or 0) if asks else 0,
+            volts=self.volts,
+            added=self.loop.compensation,
+            pressures=self.pressures,
+            rod_sides=self.rod_sides,
+            rod_side_places=plant.rod_side_places,
+            compensation=self.compensation,
+            given=np.zeros((0, len(self.volts))),
+        )
 
     def _ask(self, tick: int) -> int:
         """One control tick, for compiled code; not 0 where the run must end, with `_raised` as the reason."""

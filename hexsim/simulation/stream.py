@@ -40,7 +40,6 @@ PORT, FOXGLOVE_PORT = 9870, 8765  # PlotJuggler's UDP server listens there by de
 ALLOWED = f"127.0.0.1:{PORT} (PlotJuggler), foxglove://127.0.0.1:{FOXGLOVE_PORT} or rerun+http://127.0.0.1:9876/proxy"
 FOXGLOVE, RERUN = "foxglove://", "rerun+http"
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
-BATCH_s = 0.1  # rows that go to Rerun at once: a call for each number would take longer than a tick
 FLUSH_s = 2.0  # for a viewer that is slow
 
 
@@ -139,7 +138,7 @@ class FoxgloveStream:
 
 
 class RerunStream:
-    """To a viewer at its address, a batch every `BATCH_s` on the time line `time`."""
+    """To a viewer at its address, a batch every `batch_s` on the time line `time`."""
 
     def __init__(self, url: str) -> None:
         import rerun
@@ -163,8 +162,14 @@ class RerunStream:
             self.recording.flush(timeout_sec=FLUSH_s)
         within(FLUSH_s, self.recording.disconnect)
 
-    def row(self, time_s: float, values: Row) -> None:
-        if self.times and not self.times[0] <= time_s < self.times[0] + BATCH_s:
+    def row(
+        self,
+        time_s: float,
+        values: Row,
+        *,
+        batch_s: float = 0.1,  # rows that go to Rerun at once: a call for each number would take longer than a tick
+    ) -> None:
+        if self.times and not self.times[0] <= time_s < self.times[0] + batch_s:
             self._send()
         self.times.append(time_s)
         for name, value in values.items():
@@ -192,9 +197,13 @@ def tick_row(plant: Any, loop: Any, volts: Array, readings: Readings, state: str
     """The present tick: setpoints and compensation of a loop, what it has read, its volts, the true acceleration at its end."""
     position, bottom, supply, top = readings
     signals = {
-        "setpoint": loop.setpoint, "position": position, "pressure_bottom": bottom, "valve": volts,
-        "compensation": loop.compensation, "pressure_supply": np.array([supply]),
-    }  # fmt: skip
+        "setpoint": loop.setpoint,
+        "position": position,
+        "pressure_bottom": bottom,
+        "valve": volts,
+        "compensation": loop.compensation,
+        "pressure_supply": np.array([supply]),
+    }
     if top is not None:
         signals["pressure_top"] = top
     data = plant.data

@@ -24,13 +24,10 @@ from hexsim.motion_computer.host_buffer import HostBuffer
 from hexsim.motion_computer.host_link import HostLink
 from hexsim.motion_computer.host_packet import HostCommand, Reply
 
-LARGEST_PACKET = 65_535
-SILENT_S = 0.5
+SILENT_S = 0.5  # no simulator sends so seldom: without a packet for so long it is waited for
 FADE_S = (
     1.0  # 3 m/s2, as much as a washout scales a hard brake to, then changes by 4.5 m/s3 at most: as a foot on the pedal
 )
-ASK_AGAIN_S = 1.0
-HOLD_S = 0.1  # without a rig's packet, then its last one counts in every tick: before the host's timeout of 0.25 s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,12 +47,18 @@ class VehicleLink(HostLink):
     """ready: whether the machine stands in neutral and may be told to run. say: takes messages. silent_s: since the last
     packet, infinite before the first one. share: of the vehicle's motion that is shown, 0 to 1."""
 
-    largest = LARGEST_PACKET
+    largest = 65_535  # bytes of a packet
 
     def __init__(
-        self, host: str, port: int, buffer: HostBuffer, vehicle: Vehicle, cueing: Cueing, ready: Callable[[], bool],
+        self,
+        host: str,
+        port: int,
+        buffer: HostBuffer,
+        vehicle: Vehicle,
+        cueing: Cueing,
+        ready: Callable[[], bool],
         say: Callable[[str], None] = lambda text: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(host, port, buffer)
         self.vehicle, self.cueing, self.ready, self.say = vehicle, cueing, ready, say
         self.protocol = vehicle.name
@@ -75,7 +78,13 @@ class VehicleLink(HostLink):
         self._ask(self.vehicle.farewell)
         super().close()
 
-    def receive(self, now_s: float) -> list[HostCommand]:
+    def receive(
+        self,
+        now_s: float,
+        *,
+        ask_again_s: float = 1.0,  # between two requests to a simulator that is silent
+        hold_s: float = 0.1,  # without a rig's packet, then its last one counts in every tick: before the host's timeout of 0.25 s
+    ) -> list[HostCommand]:
         """The washout's setpoint of this tick; none while no vehicle is heard, or, strictly, while it is silent."""
         self._is_new = False
         for data, sender in self._packets():
@@ -88,7 +97,7 @@ class VehicleLink(HostLink):
                 self._take(found, sender, now_s)
         self.silent_s = now_s - self._came_s
         silent = self.silent_s > SILENT_S
-        if silent and now_s - self._asked_s > ASK_AGAIN_S:
+        if silent and now_s - self._asked_s > ask_again_s:
             self._asked_s = now_s
             self._ask(self.vehicle.requests)
         if self.motion is None or (silent and self.vehicle.strict):
@@ -96,7 +105,7 @@ class VehicleLink(HostLink):
         self._note(silent)
         self._fade_on(silent)
         if isinstance(self.motion, RigSetpoint):
-            holds = self.silent_s > HOLD_S
+            holds = self.silent_s > hold_s
             return [self._command(self._of_rig(self.motion), now_s)] if self._is_new or holds else []
         return [self._command(self._of_vehicle(self.motion), now_s)]
 
@@ -130,10 +139,12 @@ class VehicleLink(HostLink):
         """The setpoint of this tick, which the buffer gets too."""
         self._sequence += 1
         command = HostCommand(
-            sequence=self._sequence % 2**32, time_s=now_s, setpoints=setpoints,
+            sequence=self._sequence % 2**32,
+            time_s=now_s,
+            setpoints=setpoints,
             command="run_normal" if self.ready() else "none",
             mode=self.motion.mode if isinstance(self.motion, RigSetpoint) else 0,
-        )  # fmt: skip
+        )
         self.buffer.add(command, now_s)
         return command
 

@@ -11,19 +11,20 @@ from hexsim.errors import HexsimError
 Array = NDArray[np.float64]
 
 BANDWIDTH_Hz = 50.0  # default band of every acceleration figure
-FILTER_ORDER = 4  # of the Butterworth filter, run forward and backward
 PADDING_PERIODS = 5.0  # padding at either end, in periods of the bandwidth: 0.1 s at 50 Hz
-EDGE_PERIODS = 2.0  # in which the result leans on the padding: 40 ms at 50 Hz
-TIME_STEP_TOLERANCE = 0.01  # a step may differ by 1 % from the mean step: time stamps rounded in a text file
 
 
-def sample_rate_Hz(time_s: ArrayLike) -> float:
+def sample_rate_Hz(
+    time_s: ArrayLike,
+    *,
+    tolerance: float = 0.01,  # a step may differ by 1 % from the mean step: time stamps rounded in a text file
+) -> float:
     """Rate of an evenly sampled record; HexsimError naming the row where it is not even."""
     time = np.asarray(time_s, dtype=float)
     if time.ndim != 1 or len(time) < 2:
         raise HexsimError(f"A record of {time.size} samples has no sample rate; give at least two time stamps.")
     step = (time[-1] - time[0]) / (len(time) - 1)
-    uneven = ~(np.abs(np.diff(time) - step) <= TIME_STEP_TOLERANCE * abs(step))
+    uneven = ~(np.abs(np.diff(time) - step) <= tolerance * abs(step))
     if not step > 0.0 or uneven.any():
         row = int(np.argmax(uneven)) + 1
         raise HexsimError(
@@ -33,15 +34,26 @@ def sample_rate_Hz(time_s: ArrayLike) -> float:
     return 1.0 / step
 
 
-def inner_span_s(time_s: ArrayLike, bandwidth_Hz: float | None) -> tuple[float, float]:
+def inner_span_s(
+    time_s: ArrayLike,
+    bandwidth_Hz: float | None,
+    *,
+    edge_periods: float = 2.0,  # in which the result leans on the padding: 40 ms at 50 Hz
+) -> tuple[float, float]:
     """From when to when a band-limited record stands on its own: 2 / bandwidth (40 ms at 50 Hz) inside its ends."""
     time = np.asarray(time_s, dtype=float)
-    edge = 0.0 if bandwidth_Hz is None else EDGE_PERIODS / bandwidth_Hz
+    edge = 0.0 if bandwidth_Hz is None else edge_periods / bandwidth_Hz
     half_step = 0.5 * (time[-1] - time[0]) / (len(time) - 1)
     return float(time[0] + edge - half_step), float(time[-1] - edge + half_step)
 
 
-def band_limit(time_s: ArrayLike, signal: ArrayLike, bandwidth_Hz: float | None = BANDWIDTH_Hz) -> Array:
+def band_limit(
+    time_s: ArrayLike,
+    signal: ArrayLike,
+    bandwidth_Hz: float | None = BANDWIDTH_Hz,
+    *,
+    order: int = 4,  # of the Butterworth filter, run forward and backward
+) -> Array:
     """The signal (n, ...) below `bandwidth_Hz`, without phase shift; None leaves it as it is.
 
     A 4th-order Butterworth low-pass run forward and backward: |H| = 1 / (1 + (f/fb)^8), so the gain is 1/2 (-6 dB) at
@@ -69,7 +81,7 @@ def band_limit(time_s: ArrayLike, signal: ArrayLike, bandwidth_Hz: float | None 
     before, after = _continued(values[::-1], samples)[::-1], _continued(values, samples)
     padded = np.concatenate([before, values, after])
     columns = padded.reshape(len(padded), -1).T.copy()
-    _run_both_ways(low_pass_sections(FILTER_ORDER, bandwidth_Hz / rate), columns)
+    _run_both_ways(low_pass_sections(order, bandwidth_Hz / rate), columns)
     return columns.T.reshape(padded.shape)[samples : samples + len(values)]
 
 

@@ -31,7 +31,6 @@ from hexsim.smoothness.threshold import PERCEPTION_m_s2, PERCEPTION_rad_s
 WEIGHTING = {"x": "d", "y": "d", "z": "k", "leg": "k", "roll": "e", "pitch": "e", "yaw": "e"}
 TRANSITION_Hz_Q = {"k": (12.5, 0.63), "d": (2.0, 0.63), "e": (1.0, 0.63)}  # f3 = f4, Q4
 STEP_Hz_Q = {"k": (2.37, 0.91, 3.35, 0.91)}  # f5, Q5, f6, Q6
-RUNNING_S = 1.0  # integration time of MTVV
 BAND_Hz = (0.4, 100.0)  # f1, f2, Butterworth
 
 
@@ -63,10 +62,16 @@ def weighted_rms(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> float
     return float(np.sqrt(np.mean(weighted(time_s, acceleration, kind) ** 2)))
 
 
-def mtvv(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> float:
+def mtvv(
+    time_s: ArrayLike,
+    acceleration: ArrayLike,
+    kind: str,
+    *,
+    running_s: float = 1.0,  # integration time of MTVV
+) -> float:
     """Maximum transient vibration value [its unit]: the largest weighted rms over a running second, or over a shorter record."""
     square = weighted(time_s, acceleration, kind) ** 2
-    width = min(max(round(RUNNING_S * sample_rate_Hz(time_s)), 1), len(square))
+    width = min(max(round(running_s * sample_rate_Hz(time_s)), 1), len(square))
     sums = np.cumsum(np.r_[0.0, square])
     return float(np.sqrt(np.max(sums[width:] - sums[:-width]) / width))
 
@@ -78,9 +83,15 @@ def vibration_dose(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> flo
 
 
 def felt_figures(
-    time_s: ArrayLike, axis: str, acceleration: ArrayLike, command: ArrayLike, position: ArrayLike, asked: ArrayLike, *,
+    time_s: ArrayLike,
+    axis: str,
+    acceleration: ArrayLike,
+    command: ArrayLike,
+    position: ArrayLike,
+    asked: ArrayLike,
+    *,
     start_s: float = 0.0,
-) -> dict[str, float | None]:  # fmt: skip
+) -> dict[str, float | None]:
     """Of one axis from `start_s` on: delay_ms of what is felt behind the command, time_felt and reversals_felt (shares
     above the threshold of perception), weighted_rms, mtvv, vdv (ISO 2631-1) and weighted_rms_unwanted (of the deviation), jerk_rms.
 

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from hexsim.smoothness.band import band_limit
 
 Array = NDArray[np.float64]
-STEP_s, SPAN_s = 2e-5, 0.6  # of the record that the peak is taken from; a third of it lies before the reversal
 
 
 def delivery_s(tick_s: float, spool_Hz: float, travel_V: float, voltage_max_V: float) -> float:
@@ -54,5 +53,6 @@ def acceleration(
 
 def peak_in_band(**reversal: float) -> float:
     """Largest of `acceleration` below 50 Hz [m/s2], with these arguments."""
-    t = np.arange(round(SPAN_s / STEP_s)) * STEP_s - SPAN_s / 3
+    step_s, span_s = 2e-5, 0.6  # of the record that the peak is taken from; a third of it lies before the reversal
+    t = np.arange(round(span_s / step_s)) * step_s - span_s / 3
     return float(np.abs(band_limit(t, acceleration(t, **reversal))).max())  # type: ignore[arg-type]

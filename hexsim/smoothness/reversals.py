@@ -12,9 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from hexsim.smoothness.band import Array, BANDWIDTH_Hz, band_limit, inner_span_s, sample_rate_Hz
 
 REVERSAL_WINDOW_S = 0.2  # either side of a reversal (TU Delft, "high-efficiency-bump-test", 2024)
-LONGEST_DELAY_S = 0.5  # a response later than this is not looked for
-DELAY_STEP_S = 0.002  # of the grid on which a delay is looked for
-LONGEST_STANDSTILL_S = 0.02  # a commanded velocity at 0 for longer is a rest, not a reversal
 
 End = Literal["top", "bottom"]
 
@@ -76,7 +73,12 @@ class BumpFit:
     count: int
 
 
-def reversals_of_velocity(time_s: ArrayLike, velocity: ArrayLike) -> tuple[Reversal, ...]:
+def reversals_of_velocity(
+    time_s: ArrayLike,
+    velocity: ArrayLike,
+    *,
+    longest_standstill_s: float = 0.02,  # a commanded velocity at 0 for longer is a rest, not a reversal
+) -> tuple[Reversal, ...]:
     """Zero crossings of a (commanded) velocity, interpolated between samples.
 
     A velocity that stays 0 for more than 0.02 s between the signs is a rest and not counted. Meant for commanded
@@ -87,7 +89,7 @@ def reversals_of_velocity(time_s: ArrayLike, velocity: ArrayLike) -> tuple[Rever
     found = []
     turning = np.flatnonzero(v[moving[:-1]] * v[moving[1:]] <= 0.0)
     for before, after in zip(moving[turning], moving[turning + 1], strict=True):
-        if time[after] - time[before] > LONGEST_STANDSTILL_S + time[1] - time[0]:
+        if time[after] - time[before] > longest_standstill_s + time[1] - time[0]:
             continue
         share = v[before] / (v[before] - v[after])
         at = time[before] + share * (time[after] - time[before])
@@ -112,7 +114,14 @@ def peaks_at_reversals(
     return tuple(peaks)
 
 
-def response_delay_s(time_s: ArrayLike, response: ArrayLike, command: ArrayLike) -> float:
+def response_delay_s(
+    time_s: ArrayLike,
+    response: ArrayLike,
+    command: ArrayLike,
+    *,
+    longest_s: float = 0.5,  # a response later than this is not looked for
+    step_s: float = 0.002,  # of the grid on which a delay is looked for
+) -> float:
     """How much later the response comes than the command [s], looked for within +-0.5 s.
 
     The delay whose shifted and scaled command leaves the least squares: the largest correlation coefficient at whole samples,
@@ -126,11 +135,11 @@ def response_delay_s(time_s: ArrayLike, response: ArrayLike, command: ArrayLike)
     a, c = np.asarray(response, dtype=float), np.asarray(command, dtype=float)
     if not np.ptp(a) or not np.ptp(c):
         return 0.0
-    reach = int(min(LONGEST_DELAY_S, 0.25 * (time[-1] - time[0])) * rate)
+    reach = int(min(longest_s, 0.25 * (time[-1] - time[0])) * rate)
     if reach < 1:
         return 0.0
     fit = _DelayFit(a, c, reach)
-    every = max(1, round(DELAY_STEP_S * rate))
+    every = max(1, round(step_s * rate))
     lags = every * np.arange(-(reach // every), reach // every + 1)
     likes = fit.likeness(lags)
     beside = np.concatenate([[-np.inf], likes, [-np.inf]])

@@ -12,7 +12,6 @@ from hexsim.smoothness.band import Array, BANDWIDTH_Hz, band_limit, inner_span_s
 from hexsim.smoothness.harmonic import half_hertz_noise, harmonic_deviation, whole_periods
 from hexsim.smoothness.reversals import ReversalBump, deviation_from_command, reversal_bumps
 
-TURN_AROUND_LIMIT_M_S2 = 0.49  # +-0.05 g; commonly used, the rule leaves the tolerance to the applicant
 ROTATIONS = ("roll", "pitch", "yaw")
 
 
@@ -58,7 +57,7 @@ def turn_around_check(
     acceleration: ArrayLike,
     frequency_Hz: float,
     commanded_amplitude_m_s2: float | None = None,
-    limit_m_s2: float = TURN_AROUND_LIMIT_M_S2,
+    limit_m_s2: float = 0.49,  # +-0.05 g; commonly used, the rule leaves the tolerance to the applicant
     bandwidth_Hz: float | None = BANDWIDTH_Hz,
     start_s: float | None = None,
 ) -> TurnAround:

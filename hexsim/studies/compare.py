@@ -78,9 +78,15 @@ def compare(
     for one in compensators:
         name = one if isinstance(one, str) else one.name
         runs[name] = simulate(
-            machine, scenario, compensator=one, fast=fast, seed=seed, timestep=timestep, host=host,
+            machine,
+            scenario,
+            compensator=one,
+            fast=fast,
+            seed=seed,
+            timestep=timestep,
+            host=host,
             progress=lambda f, name=name: progress(name, f),
-        )  # fmt: skip
+        )
         if interrupted(runs[name]):
             break
     return runs

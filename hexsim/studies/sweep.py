@@ -36,10 +36,8 @@ from hexsim.studies.journal import Journal
 from hexsim.studies.uncertainty import drawn
 
 _ONE_A_PROCESS = threading.Lock()  # MuJoCo's callbacks are global: threads of a worker take turns
-MOST_CASES = 100_000  # each is held in memory, without its row
 CHECK_EVERY_s = 5.0  # how often a sweep that waits looks after its workers
 LOST_WORKER = "WorkerDied: the worker that ran it died, each time"
-IN_FLIGHT = 4  # cases handed out a worker: enough to keep it busy, few enough to forget on a kill
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +93,7 @@ def cases(
     fast: bool = True,
     timestep: float | None = None,
     draws: int = 0,
+    most_cases: int = 100_000,  # each is held in memory, without its row
 ) -> list[Case]:
     """The product of all settings, compensators and seeds. Raises HexsimError where a setting is refused.
 
@@ -104,8 +103,8 @@ def cases(
     settings, seeds, compensators = dict(settings or {}), _sequence(seeds), _sequence(compensators)
     built = range(draws) if draws else (None,)
     count = math.prod(len(values) for values in (*settings.values(), seeds, compensators, built))
-    if count > MOST_CASES:
-        raise HexsimError(f"a sweep of {count} runs: give at most {MOST_CASES}, fewer seeds or values")
+    if count > most_cases:
+        raise HexsimError(f"a sweep of {count} runs: give at most {most_cases}, fewer seeds or values")
     grid = [dict(zip(settings, values, strict=True)) for values in itertools.product(*settings.values())]
     for point in grid:  # refuse what cannot be before the first run
         apply_settings(scenario, machine, (drawn(machine, 0) if draws else {}) | point, "sweep")
@@ -175,9 +174,14 @@ def _figures(case: Case, machine: Machine, settings: dict[str, Any]) -> dict[str
     scenario, machine = apply_settings(scenario, machine, settings, "sweep")
     with _ONE_A_PROCESS, _interruptible():
         run = simulate(
-            machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed, timestep=case.timestep,
+            machine,
+            scenario,
+            compensator=case.compensator,
+            fast=case.fast,
+            seed=case.seed,
+            timestep=case.timestep,
             figures_only=True,
-        )  # fmt: skip
+        )
     if "interrupted" in run.reason:
         raise KeyboardInterrupt
     figures = {
@@ -215,6 +219,7 @@ def sweep(
     progress: Callable[[int, int, int], None] = lambda done, total, failed: None,
     retry_failed: bool = False,
     check: Callable[[], None] = lambda: None,
+    in_flight: int = 4,  # cases handed out a worker: enough to keep it busy, few enough to forget on a kill
 ) -> int:
     """Run what is not there yet, write the table, and return how many were run. progress(done, total, failed).
 
@@ -232,7 +237,7 @@ def sweep(
         suspects: list[Case] = []  # one of them ended a worker that had several
         try:
             while True:
-                for case in itertools.islice(waiting, IN_FLIGHT * workers - len(running)):
+                for case in itertools.islice(waiting, in_flight * workers - len(running)):
                     running[executor.submit(run_case, case)] = case
                 if not running and suspects:  # alone: who ends a worker now is the one
                     case = suspects.pop()

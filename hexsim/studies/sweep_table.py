@@ -1,7 +1,7 @@
 """Where the rows of a sweep end: one Parquet file, or a folder of Parquet files that takes any number of rows.
 
 sweep.parquet       all rows in the order of the cases, made at the end: they are in memory once
-sweep/              part-000000.parquet and so on, `ROWS_A_PART` rows each as they were finished, of one schema;
+sweep/              part-000000.parquet and so on, 2000 rows each as they were finished, of one schema;
                     in memory are the keys and one part: polars.scan_parquet("sweep/*.parquet")
 """
 
@@ -19,7 +19,6 @@ from hexsim.files.atomic import PARTIAL, remove_partials, written_whole
 
 KEYS = ("key", "values_key")  # of a case with the bytes of its inputs, and of its declared values alone
 FIRST_COLUMNS = (*KEYS, "inputs", "scenario", "machine", "compensator", "seed")
-ROWS_A_PART = 2000
 Rows = Mapping[str, dict[str, Any]]
 Wanted = Mapping[str, str]  # key -> values_key of the cases of a sweep, in order
 
@@ -86,7 +85,7 @@ class OneFile(Table):
 
 
 class Parts(Table):
-    most = ROWS_A_PART
+    most = 2000
 
     def __init__(self, place: Path) -> None:
         super().__init__(place)

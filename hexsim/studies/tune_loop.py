@@ -3,7 +3,7 @@
     feed-forward    k_v, k_a: least squares of T = piston/setpoint against the setpoint filter's own response, all loops,
                     weight 1/(1 + (f/FOLLOW_TO_Hz)^2)
     feedback        Kp, pressure gain, setpoint filter: the least mean |T - 1|^2 up to FOLLOW_TO_Hz, valve gain off by
-                    +-GAIN_OFF, kept from breaking phase margin, gain margin, peak and SHAKEN by a penalty (Nelder-Mead)
+                    +-gain_off, kept from breaking phase margin, gain margin, peak and SHAKEN by a penalty (Nelder-Mead)
 
 What the noise of the transducers shakes, in the mode that it shakes most, stays below the threshold of perception with
 three standard deviations: a high gain follows the noise as it follows the setpoint.
@@ -37,19 +37,11 @@ from hexsim.simulation import simulate
 from hexsim.smoothness.threshold import PERCEPTION_m_s2
 
 Array = NDArray[np.float64]
-PHASE_MARGIN_deg, GAIN_MARGIN_dB, PEAK_dB = 50.0, 8.0, 1.0
 SHAKEN_m_s2 = min(PERCEPTION_m_s2.values()) / 3.0  # rms in the felt band, by noise of the transducers
-FOLLOW_TO_Hz = 10.0
-GAIN_OFF = 0.15  # of the valve: load, oil, wear
-LOW_SHARE = 0.1  # corner of the pressure's high pass over the lowest resonance
-POINTS = 100
-SAME_MASS = 0.02
-PENALTY = 0.02  # a degree or decibel beyond its limit costs as much as |T - 1| = 0.02 sqrt(n)
+FOLLOW_TO_Hz = 10.0  # [Hz] no motion that people ride asks for more
+POINTS = 100  # frequencies of a loop that is judged thousands of times
 
 FREQUENCIES_Hz = (0.5, 1.0, 1.5, 2.5, 4.0, 5.5, 7.0, 8.5, 10.5, 13.0, 16.0, 19.5)
-SPEED, ACCELERATION = 0.04, 0.4  # of each sine at most [m/s, m/s2]; rotations: over TURN_m
-TURN_m = 0.6
-SETTLE_s, PERIODS = 2.0, 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +72,10 @@ def tune(machine: Machine, progress: Callable[[float], None] = lambda fraction: 
     for k, one in enumerate((machine, after)):
         measured.append(measure(one, lambda fraction, k=k: progress(0.4 + 0.3 * (k + fraction))))
     return Tuning(
-        machines=(machine, after), margins=(worst_figures(machine), worst_figures(after)),
+        machines=(machine, after),
+        margins=(worst_figures(machine), worst_figures(after)),
         axes=(measured[0], measured[1]),
-    )  # fmt: skip
+    )
 
 
 def tuned(machine: Machine, progress: Callable[[float], None] = lambda fraction: None) -> Machine:
@@ -101,13 +94,19 @@ def tuned(machine: Machine, progress: Callable[[float], None] = lambda fraction:
 class Search:
     """Costs of controllers over the linear loops of a machine."""
 
-    def __init__(self, machine: Machine, progress: Callable[[float], None]) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        progress: Callable[[float], None],
+        *,
+        same_mass: float = 0.02,  # relative difference of modes that are one loop
+    ) -> None:
         self.machine, self.progress, self.evaluations = machine, progress, 0
         self.f = np.geomspace(0.1, 0.45 * machine.controller.rate_Hz, POINTS)
         self.loops: list[Loop] = []
         for loop in loops(machine):
             alike = (o for o in self.loops if (o.leg, o.extends) == (loop.leg, loop.extends))
-            if all(abs(o.mass_kg / loop.mass_kg - 1) > SAME_MASS for o in alike):
+            if all(abs(o.mass_kg / loop.mass_kg - 1) > same_mass for o in alike):
                 self.loops.append(loop)
         self.stiffness = float(np.mean([oil_stiffness(p) for p in declared_rows(machine)]))
         self.lowest_Hz = np.sqrt(self.stiffness / max(loop.mass_kg for loop in self.loops)) / (2 * np.pi)
@@ -133,7 +132,14 @@ class Search:
         ]
         return min(tries, key=self.cost)
 
-    def keys(self, x: Array, velocity: float, acceleration: float) -> dict[str, Any]:
+    def keys(
+        self,
+        x: Array,
+        velocity: float,
+        acceleration: float,
+        *,
+        low_share: float = 0.1,  # corner of the pressure's high pass over the lowest resonance
+    ) -> dict[str, Any]:
         """The [controller] of a point. A pressure gain G [V/Pa] lets the oil spring out at rate K_v G k/A1."""
         speed, damping, smooth_Hz = (float(v) for v in np.exp(x))
         area = self.machine.cylinder.area_bottom_m2
@@ -145,7 +151,7 @@ class Search:
             "acceleration_feed_forward_V_s2_per_m": float(acceleration),
             "load_feed_forward": True,
             "pressure_feedback_V_per_Pa": damping * area / (self.stiffness * self.valve_gain),
-            "pressure_high_pass_Hz": min(LOW_SHARE * self.lowest_Hz, 0.1 * rate_Hz),
+            "pressure_high_pass_Hz": min(low_share * self.lowest_Hz, 0.1 * rate_Hz),
             "setpoint_filter_Hz": min(smooth_Hz, 0.2 * rate_Hz),
         }
 
@@ -182,47 +188,70 @@ class Search:
         own = self.machine.legs[loop.leg - 1].sensors
         return loop.shaken_m_s2(own.position_error_m, own.pressure_error_Pa)
 
-    def cost(self, x: Array) -> float:
+    def cost(
+        self,
+        x: Array,
+        *,
+        penalty: float = 0.02,  # a degree or decibel beyond its limit costs as much as |T - 1| = 0.02 sqrt(n)
+        gain_off: float = 0.15,  # of the valve: load, oil, wear
+        phase_margin_deg: float = 50.0,  # of the nominal loop and of one whose gain is off
+        gain_margin_dB: float = 8.0,  # of the same
+        peak_dB: float = 1.0,  # of |T|
+    ) -> float:
         """Mean |T - 1|^2 with the valve's gain off either way, and the penalties."""
         self.evaluations += 1
         self.progress(min(self.evaluations / 100, 1.0))
         error, beyond = [], []
         below = self.f <= FOLLOW_TO_Hz
         for loop in self.closed(x, *self.feed_forward(x)):
-            for factor in (1 - GAIN_OFF, 1 + GAIN_OFF):
+            for factor in (1 - gain_off, 1 + gain_off):
                 A, B, read, through = loop.plant
                 off = dataclasses.replace(loop, plant=(A, factor * B, read, through))
                 figures = figures_of(off, POINTS)
                 error.append(np.mean(np.abs(off.closed_response(self.f[below]) - 1.0) ** 2))
                 beyond += [
-                    max(0.0, PHASE_MARGIN_deg - (figures.phase_margin_deg or 180.0)) / 10.0,
-                    max(0.0, GAIN_MARGIN_dB - (figures.gain_margin_dB or 60.0)),
-                    max(0.0, figures.peak_dB - PEAK_dB), 0.0 if figures.is_stable else 100.0,
+                    max(0.0, phase_margin_deg - (figures.phase_margin_deg or 180.0)) / 10.0,
+                    max(0.0, gain_margin_dB - (figures.gain_margin_dB or 60.0)),
+                    max(0.0, figures.peak_dB - peak_dB),
+                    0.0 if figures.is_stable else 100.0,
                     max(0.0, 20.0 * np.log10(max(self.shaken_m_s2(off), 1e-9) / SHAKEN_m_s2)),
-                ]  # fmt: skip
-        return float(np.mean(error) + PENALTY * np.sum(np.square(beyond)))
+                ]
+        return float(np.mean(error) + penalty * np.sum(np.square(beyond)))
 
 
-def measure(machine: Machine, progress: Callable[[float], None] = lambda fraction: None) -> list[AxisFigures]:
+def measure(
+    machine: Machine,
+    progress: Callable[[float], None] = lambda fraction: None,
+    *,
+    speed_m_s: float = 0.04,  # of each sine at most; rotations: over turn_m
+    acceleration_m_s2: float = 0.4,  # of each sine at most; rotations: over turn_m
+    n_periods: int = 2,  # of a sine, after it has settled
+    turn_m: float = 0.6,  # from the axis, where a turn moves as far as a shift
+    settle_s: float = 2.0,  # before the sine is judged
+) -> list[AxisFigures]:
     """Every degree of freedom in the simulator, one multisine each. Raises HexsimError where a run does not end."""
     measured, axes = [], machine.mechanics.dofs
     frequencies = np.array(FREQUENCIES_Hz)
     for k, axis in enumerate(axes):
         omega = 2 * np.pi * frequencies
-        size = np.minimum(SPEED / omega, ACCELERATION / omega**2) / (
-            TURN_m if axis in ("roll", "pitch", "yaw") else 1.0
+        size = np.minimum(speed_m_s / omega, acceleration_m_s2 / omega**2) / (
+            turn_m if axis in ("roll", "pitch", "yaw") else 1.0
         )
         signal = Multisine(amplitudes=tuple(size), frequencies_Hz=tuple(FREQUENCIES_Hz), seed=1)
         period = 2.0  # of all frequencies
         scenario = Scenario(
-            name=f"tune-loop {axis}", mode="dof", signals={axis: signal}, duration_s=SETTLE_s + PERIODS * period,
-            fade_s=1.0, fade="smooth",
-        )  # fmt: skip
+            name=f"tune-loop {axis}",
+            mode="dof",
+            signals={axis: signal},
+            duration_s=settle_s + n_periods * period,
+            fade_s=1.0,
+            fade="smooth",
+        )
         run = simulate(machine, scenario, fast=True)
         if not run.complete:
             raise HexsimError(f"machine {machine.name}, {axis}: {run.reason}")
         time = run.log["time_s"].to_numpy()
-        late = time >= SETTLE_s - 1e-9
+        late = time >= settle_s - 1e-9
         played = signal.value(time[late])
         if machine.is_hexapod:
             answer = run.log[pose_column("platform", axis)].to_numpy()[late]
@@ -240,6 +269,10 @@ def axis_figures(axis: str, response: Array) -> AxisFigures:
     phase = np.degrees(np.unwrap(np.angle(response)))
     phase -= 360.0 * np.ceil((phase[0] - 90.0) / 360.0)
     return AxisFigures(
-        axis=axis, response=response, bandwidth_Hz=first_below(f, gain, -3.0), quarter_Hz=first_below(f, phase, -90.0),
-        peak_dB=float(gain.max()), delay_s=float(-np.interp(1.0, f, phase) / 360.0),
-    )  # fmt: skip
+        axis=axis,
+        response=response,
+        bandwidth_Hz=first_below(f, gain, -3.0),
+        quarter_Hz=first_below(f, phase, -90.0),
+        peak_dB=float(gain.max()),
+        delay_s=float(-np.interp(1.0, f, phase) / 360.0),
+    )

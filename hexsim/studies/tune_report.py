@@ -40,16 +40,27 @@ def tables(tuning: Tuning) -> list[Table]:
 
 
 MARGIN_HEADER = (
-    "stable", "gain margin [dB]", "phase margin [deg]", "crossover [Hz]", "-3 dB [Hz]", "-90 deg [Hz]", "peak [dB]",
-)  # fmt: skip
+    "stable",
+    "gain margin [dB]",
+    "phase margin [deg]",
+    "crossover [Hz]",
+    "-3 dB [Hz]",
+    "-90 deg [Hz]",
+    "peak [dB]",
+)
 
 
 def margin_cells(figures: LoopFigures) -> tuple[str, ...]:
     """Cells under MARGIN_HEADER."""
     return (
-        "yes" if figures.is_stable else "no", number(figures.gain_margin_dB), number(figures.phase_margin_deg),
-        number(figures.crossover_Hz), number(figures.bandwidth_Hz), number(figures.quarter_Hz), number(figures.peak_dB),
-    )  # fmt: skip
+        "yes" if figures.is_stable else "no",
+        number(figures.gain_margin_dB),
+        number(figures.phase_margin_deg),
+        number(figures.crossover_Hz),
+        number(figures.bandwidth_Hz),
+        number(figures.quarter_Hz),
+        number(figures.peak_dB),
+    )
 
 
 def _axis_cells(one: AxisFigures) -> tuple[str, ...]:
@@ -106,8 +117,9 @@ def figures_json(tuning: Tuning) -> dict[str, Any]:
     def axis(one: AxisFigures) -> dict[str, Any]:
         gain, phase = 20 * np.log10(np.abs(one.response)), np.degrees(np.unwrap(np.angle(one.response)))
         return {k: v for k, v in vars(one).items() if k != "response"} | {
-            "gain_dB": gain.tolist(), "phase_deg": phase.tolist(),
-        }  # fmt: skip
+            "gain_dB": gain.tolist(),
+            "phase_deg": phase.tolist(),
+        }
 
     return {
         "machine": tuning.machines[0].name,

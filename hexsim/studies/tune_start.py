@@ -25,9 +25,7 @@ from hexsim.scenarios.scenario import DOF_NAMES, Scenario, scenario_from_dict
 from hexsim.simulation import Run, simulate
 
 FILE = "compensator.json"
-AMPLITUDE_m, FREQUENCY_Hz, WITHIN = 0.05, 0.5, 0.9  # of the excursion that the limits leave
-FADE_s, LEARNING_s, VERIFYING_s = 2.0, 30.0, 12.0
-LAST = 4  # reversals that the final bump is the mean of
+FREQUENCY_Hz = 0.5  # of the field's test
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,27 +44,41 @@ class Taught:
 
     @property
     def final_m_s2(self) -> float:
-        """Mean of the last bumps."""
-        return float(np.mean([bump for _, bump in self.started_m_s2[-LAST:]]))
+        """Mean of the last four bumps."""
+        return float(np.mean([bump for _, bump in self.started_m_s2[-4:]]))
 
     def to_json(self) -> dict[str, Any]:
         return {
-            "compensator": self.compensator, "legs": self.learned, "started_m_s2": self.started_m_s2,
-            "plain_m_s2": self.plain_m_s2, "second_m_s2": self.second_m_s2, "final_m_s2": self.final_m_s2,
-        }  # fmt: skip
+            "compensator": self.compensator,
+            "legs": self.learned,
+            "started_m_s2": self.started_m_s2,
+            "plain_m_s2": self.plain_m_s2,
+            "second_m_s2": self.second_m_s2,
+            "final_m_s2": self.final_m_s2,
+        }
 
 
-def half_hertz_sine(machine: Machine) -> dict[str, Any]:
+def half_hertz_sine(
+    machine: Machine,
+    *,
+    amplitude_m: float = 0.05,  # of the field's test
+    within: float = 0.9,  # of the excursion that the limits leave
+) -> dict[str, Any]:
     """The signal of the field's test: 0.05 m at 0.5 Hz, or what the limits leave, along z of a platform or on a bench's leg."""
     reach = pose_limits(machine).excursion[DOF_NAMES.index("z") if machine.is_hexapod else 0]
-    return {"kind": "sine", "amplitude": min(AMPLITUDE_m, WITHIN * float(reach)), "frequency_Hz": FREQUENCY_Hz}
+    return {"kind": "sine", "amplitude": min(amplitude_m, within * float(reach)), "frequency_Hz": FREQUENCY_Hz}
 
 
-def heave(machine: Machine, duration_s: float) -> Scenario:
+def heave(
+    machine: Machine,
+    duration_s: float,
+    *,
+    fade_s: float = 2.0,  # from rest to the full sine
+) -> Scenario:
     """The half-hertz sine, faded in."""
     axes = {"z": half_hertz_sine(machine)}
     return scenario_from_dict(
-        {"name": "heave", "mode": "dof", "duration_s": duration_s, "fade_s": FADE_s, "axes": axes}
+        {"name": "heave", "mode": "dof", "duration_s": duration_s, "fade_s": fade_s, "axes": axes}
     )
 
 
@@ -87,6 +99,9 @@ def teach(
     folder: Path,
     compensator: str = "adaptive",
     progress: Callable[[float], None] = lambda share: None,
+    *,
+    learning_s: float = 30.0,  # 15 periods
+    verifying_s: float = 12.0,  # 6 periods
 ) -> Taught:
     """Learn on the twin, write `compensator.json` into the folder, then run with it and without. progress(share).
 
@@ -98,13 +113,13 @@ def teach(
             machine, heave(machine, duration_s), which, lambda share: progress(begin + share * (end - begin)), seed
         )
 
-    learned = run(compensator, LEARNING_s, 0, 0.0, 0.6).compensator_parameters
+    learned = run(compensator, learning_s, 0, 0.0, 0.6).compensator_parameters
     if not any(learned):
         raise HexsimError(f"compensator {compensator} learns nothing: give adaptive or repetitive")
     place = folder / FILE
     write_json(place, {"compensator": compensator, "legs": learned})
     started, plain = (
-        [(one.time_s, one.bump_pp) for one in driven_bumps(Signals.of_run(run(which, VERIFYING_s, 1, begin, end)))]
+        [(one.time_s, one.bump_pp) for one in driven_bumps(Signals.of_run(run(which, verifying_s, 1, begin, end)))]
         for which, begin, end in ((str(place), 0.6, 0.9), ("none", 0.9, 1.0))
     )
     taught = Taught(compensator=compensator, learned=learned, started_m_s2=started, plain_m_s2=plain)

@@ -46,11 +46,12 @@ def static_figure(test: ValveTest) -> Figure:
     leakage.set_xlim(-near, near)
     leakage.set_ylim(bottom=0.0)
     for plot, title, label in (
-        (whole, f"flow, valve drop {BAR * test.drop_Pa:.3g} bar", "flow [l/min]"), (close, "flow about null", "flow [l/min]"),
+        (whole, f"flow, valve drop {BAR * test.drop_Pa:.3g} bar", "flow [l/min]"),
+        (close, "flow about null", "flow [l/min]"),
         (reversal, f"reversal: threshold {test.figures['threshold_percent']:.2g} %", "flow [l/min]"),
         (pressure, "ports blocked: load pressure", "load pressure [bar]"),
         (leakage, "ports blocked: internal leakage", "flow [l/min]"),
-    ):  # fmt: skip
+    ):
         plot.set_title(title, loc="left")
         plot.set_ylabel(label)
         plot.set_xlabel("signal [%]")
@@ -106,9 +107,13 @@ def write_valve_report(test: ValveTest, machine: Machine, folder: Path) -> None:
     for name, png_bytes in pictures.items():
         (folder / f"{name}.png").write_bytes(png_bytes)
     curves = {
-        "signal": test.signal, "flow_m3_s": test.flow_m3_s, "load_pressure_Pa": test.load_pressure_Pa,
-        "leakage_m3_s": test.leakage_m3_s, "reversal": test.reversal, "reversed_flow_m3_s": test.reversed_flow_m3_s,
-    }  # fmt: skip
+        "signal": test.signal,
+        "flow_m3_s": test.flow_m3_s,
+        "load_pressure_Pa": test.load_pressure_Pa,
+        "leakage_m3_s": test.leakage_m3_s,
+        "reversal": test.reversal,
+        "reversed_flow_m3_s": test.reversed_flow_m3_s,
+    }
     write_json(
         folder / "valve.json",
         {"machine": machine.name, "figures": test.figures, "curves": {k: v.tolist() for k, v in curves.items()}},
@@ -116,13 +121,23 @@ def write_valve_report(test: ValveTest, machine: Machine, folder: Path) -> None:
     page = Report(
         f"Valve of {machine.name}",
         [
-            Section("Figures of a data sheet", [
-                table(["figure", "value", Column("unit", "text")], [(name, bold(value), unit) for name, value, unit in test.table()])
-            ]),
+            Section(
+                "Figures of a data sheet",
+                [
+                    table(
+                        ["figure", "value", Column("unit", "text")],
+                        [(name, bold(value), unit) for name, value, unit in test.table()],
+                    )
+                ],
+            ),
             Section("Curves", [picture(png_bytes, CAPTIONS[name]) for name, png_bytes in pictures.items()]),
             Section("As declared", [text_block(tomli_w.dumps({"valve": machine.valve.model_dump(exclude_none=True)}))]),
         ],
         about=f"{machine.valve.kind.replace('_', '-')} valve as declared, tested after ISO 10770",
-        top=[lead("Hold this against the valve's data sheet: what differs is a slip in the declaration, or what the model leaves out.")],
-    ).html()  # fmt: skip
+        top=[
+            lead(
+                "Hold this against the valve's data sheet: what differs is a slip in the declaration, or what the model leaves out."
+            )
+        ],
+    ).html()
     (folder / "report.html").write_text(page, encoding="utf-8")

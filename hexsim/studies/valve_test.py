@@ -28,14 +28,7 @@ Array = NDArray[np.float64]
 AMPLITUDES = (0.05, 0.25, 1.0)  # of full signal
 FREQUENCIES_Hz = np.geomspace(1.0, 1000.0, 61)
 STEPS = (0.1, 0.25, 0.5, 1.0)
-STEP_TIME_s = 1e-5
-REVERSED_AT = 0.5  # of full signal: where the threshold is tested
-LEAST_REVERSAL = 2e-3  # of full signal
 SEAL = 1e-17  # [m3/s/Pa] of a blocked port, so that a dead band has a pressure: the middle one
-NULL_SHARE = 0.05  # spacing of the signal at null over an even one
-MOVED_SHARE = 1e-9  # of the largest flow: more is a movement, less is rounding
-DEAD_SHARE = 1e-4  # of the largest flow: below it the valve counts as shut
-PER_CYCLE, CYCLES = 1000, 6  # time steps of a sine and how many are run; the last one is judged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +74,14 @@ class ValveTest:
         return [(name, "-" if value is None else f"{value:.3g}", unit) for name, value, unit in rows]
 
 
-def valve_test(machine: Machine) -> ValveTest:
+def valve_test(
+    machine: Machine,
+    *,
+    reversed_at: float = 0.5,  # of full signal: where the threshold is tested
+    least_reversal: float = 2e-3,  # of full signal
+    null_share: float = 0.05,  # spacing of the signal at null over an even one
+    step_s: float = 1e-5,  # a hundredth of the fastest spool's time constant
+) -> ValveTest:
     """All tests of the valve of a machine's first leg, at the declared oil."""
     p = declared_rows(machine)[0]
     tank = float(p[P.TANK_PRESSURE])
@@ -89,24 +89,33 @@ def valve_test(machine: Machine) -> ValveTest:
     drop = 2 * rated if rated else float(p[P.SUPPLY_PRESSURE]) - tank
     supply = float(p[P.SUPPLY_PRESSURE])
     even = np.concatenate([np.linspace(0, 1, 501), np.linspace(1, -1, 1001)[1:], np.linspace(-1, 1, 1001)[1:]])
-    signal = NULL_SHARE * even + (1.0 - NULL_SHARE) * even**3  # dense about null, where pressure and leakage turn
+    signal = null_share * even + (1.0 - null_share) * even**3  # dense about null, where pressure and leakage turn
     spool = _spool(p, signal * machine.valve.voltage_max_V)
     flow = np.array([_no_load_flow(p, x, tank + drop, tank) for x in spool])
-    reversal = REVERSED_AT - max(2 * p[P.HYSTERESIS] / machine.valve.voltage_max_V, LEAST_REVERSAL) * np.concatenate(
+    reversal = reversed_at - max(2 * p[P.HYSTERESIS] / machine.valve.voltage_max_V, least_reversal) * np.concatenate(
         [np.linspace(0, 2, 401), np.linspace(2, 0, 401)[1:]]
     )
-    ramp = np.linspace(0.0, REVERSED_AT, 51)[:-1]
+    ramp = np.linspace(0.0, reversed_at, 51)[:-1]
     turned = _spool(p, np.concatenate([ramp, reversal]) * machine.valve.voltage_max_V)[len(ramp) :]
     blocked = np.array([_blocked(p, x, supply, tank) for x in spool])
     cycle = slice(500, None)  # one closed loop from +1 to +1
-    time = np.arange(0, 6.0 / max(p[P.SPOOL_OMEGA] / 10, 10.0), STEP_TIME_s)
-    step = {a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), STEP_TIME_s) / p[P.SPOOL_TRAVEL] for a in STEPS}
+    time = np.arange(0, 6.0 / max(p[P.SPOOL_OMEGA] / 10, 10.0), step_s)
+    step = {a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), step_s) / p[P.SPOOL_TRAVEL] for a in STEPS}
     bode = {a: _bode(p, a) for a in AMPLITUDES}
     test = ValveTest(
-        signal=signal[cycle], reversal=reversal, flow_m3_s=flow[cycle], load_pressure_Pa=blocked[cycle, 0],
-        leakage_m3_s=blocked[cycle, 1], time_s=time, step=step, bode=bode, drop_Pa=drop, supply_Pa=supply, figures={},
+        signal=signal[cycle],
+        reversal=reversal,
+        flow_m3_s=flow[cycle],
+        load_pressure_Pa=blocked[cycle, 0],
+        leakage_m3_s=blocked[cycle, 1],
+        time_s=time,
+        step=step,
+        bode=bode,
+        drop_Pa=drop,
+        supply_Pa=supply,
+        figures={},
         reversed_flow_m3_s=np.array([_no_load_flow(p, x, tank + drop, tank) for x in turned]),
-    )  # fmt: skip
+    )
     test.figures.update(_figures(test))
     return test
 
@@ -172,30 +181,42 @@ def _response(p, command, h):
     return out
 
 
-def _bode(p: Array, amplitude: float) -> tuple[Array, Array]:
+def _bode(
+    p: Array,
+    amplitude: float,
+    *,
+    per_cycle: int = 1000,  # time steps of a sine
+    n_cycles: int = 6,  # that are run; the last one is judged
+) -> tuple[Array, Array]:
     """Gain and phase [deg] of the spool's first harmonic (n_frequencies,)."""
     height = amplitude * p[P.SPOOL_TRAVEL]
-    turn = 2j * np.pi * np.arange(PER_CYCLE) / PER_CYCLE
+    turn = 2j * np.pi * np.arange(per_cycle) / per_cycle
     answers = []
     for frequency in FREQUENCIES_Hz:
-        h = 1.0 / (frequency * PER_CYCLE)
-        sine = height * np.sin(2 * np.pi * np.arange(PER_CYCLE * CYCLES) / PER_CYCLE)
-        last = _response(p, sine, h)[-PER_CYCLE:]
+        h = 1.0 / (frequency * per_cycle)
+        sine = height * np.sin(2 * np.pi * np.arange(per_cycle * n_cycles) / per_cycle)
+        last = _response(p, sine, h)[-per_cycle:]
         answers.append(2j * np.mean(last * np.exp(-turn)) / height)
     response = np.array(answers)
     return np.abs(response), np.degrees(np.unwrap(np.angle(response)))
 
 
-def _figures(test: ValveTest) -> dict[str, Any]:
+def _figures(
+    test: ValveTest,
+    *,
+    moved_share: float = 1e-9,  # of the largest flow: more is a movement, less is rounding
+) -> dict[str, Any]:
     """What a sheet says of these curves."""
     down, up = slice(0, 1001), slice(1000, 2001)
     flow, signal = test.flow_m3_s, test.signal
     rated = float(np.max(np.abs(flow)))
     # the signal at which each way passes a tenth of the flow, either sign: how far the two lie apart
     levels = np.concatenate([np.linspace(0.1, 0.9, 9), -np.linspace(0.1, 0.9, 9)]) * rated
-    falling, rising = (np.interp(levels, flow[w][order], signal[w][order]) for w, order in
-                       ((down, slice(None, None, -1)), (up, slice(None))))  # fmt: skip
-    moved = np.abs(test.reversed_flow_m3_s - test.reversed_flow_m3_s[0]) > MOVED_SHARE * rated
+    falling, rising = (
+        np.interp(levels, flow[w][order], signal[w][order])
+        for w, order in ((down, slice(None, None, -1)), (up, slice(None)))
+    )
+    moved = np.abs(test.reversed_flow_m3_s - test.reversed_flow_m3_s[0]) > moved_share * rated
     ends = [_shut(signal[way], flow[way], rated) for way in (down, up)]
     steep = np.gradient(test.load_pressure_Pa[up], signal[up])
     dynamics = {
@@ -221,9 +242,15 @@ def _figures(test: ValveTest) -> dict[str, Any]:
     }
 
 
-def _shut(signal: Array, flow: Array, rated: float) -> tuple[float, float]:
+def _shut(
+    signal: Array,
+    flow: Array,
+    rated: float,
+    *,
+    dead_share: float = 1e-4,  # of the largest flow: below it the valve counts as shut
+) -> tuple[float, float]:
     """Signals between which the valve is shut on its way up or down; where it never is, the one at which its flow turns."""
-    shut = signal[np.abs(flow) < DEAD_SHARE * rated]
+    shut = signal[np.abs(flow) < dead_share * rated]
     if len(shut):
         return float(np.min(shut)), float(np.max(shut))
     order = np.argsort(signal)

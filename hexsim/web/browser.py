@@ -11,11 +11,14 @@ from hexsim.errors import HexsimError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 DRAWS_WITHOUT_GPU = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
-SLOWEST_MS = 240_000.0  # a computer that draws without a graphics card, and is busy
 
 
 @contextmanager
-def opened(address: str) -> Iterator[Any]:
+def opened(
+    address: str,
+    *,
+    slowest_ms: float = 240_000.0,  # a computer that draws without a graphics card, and is busy
+) -> Iterator[Any]:
     """A page of Playwright that shows `address`. Raises HexsimError where there is no Playwright or no browser."""
     try:
         from playwright.sync_api import sync_playwright
@@ -28,7 +31,7 @@ def opened(address: str) -> Iterator[Any]:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", *DRAWS_WITHOUT_GPU])
         try:
             page: Any = browser.new_page(viewport={"width": 1500, "height": 900})
-            page.set_default_timeout(SLOWEST_MS)
+            page.set_default_timeout(slowest_ms)
             page.asked_for = []  # addresses of everything that it loads
             page.on("request", lambda request: page.asked_for.append(request.url))
             page.on("websocket", lambda socket: page.asked_for.append(socket.url))

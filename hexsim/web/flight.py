@@ -25,15 +25,14 @@ from hexsim.motion_computer.states import State
 from hexsim.plant.plant import PlantError
 from hexsim.simulation.live import add_floor_and_light
 from hexsim.simulation.serve import PORT, HostInput, Server
-from hexsim.simulation.serve_status import SILENT_S, Status
+from hexsim.simulation.serve_status import Status
 from hexsim.simulation.stream import Stream
-from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
+from hexsim.simulation.vehicle_link import SILENT_S, Vehicle, VehicleLink
 from hexsim.web.session import FRAME_S, STOP_S
 
 Array = NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, g])
 SHOWN_S = 10.0  # of flown and felt
-ROW_S = 0.02  # between its rows, each a mean
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,23 +88,36 @@ class Flight:
     """
 
     def __init__(
-        self, machine: Machine, vehicle: Vehicle, washout: Washout | None = None, compensator: str = "none",
-        host: str = "127.0.0.1", port: int = PORT, stream: Stream | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        machine: Machine,
+        vehicle: Vehicle,
+        washout: Washout | None = None,
+        compensator: str = "none",
+        host: str = "127.0.0.1",
+        port: int = PORT,
+        stream: Stream | None = None,
+        *,
+        row_s: float = 0.02,  # between its rows, each a mean
+    ) -> None:
         if not machine.mechanics.has_platform:
             raise HexsimError(f"machine {machine.name} has no platform: a simulator drives hexapods")
         self.washout, self.vehicle = washout or Washout(), vehicle
         self.server = FlownServer(
-            machine, host, port, compensator=compensator, host_input=HostInput(vehicle=vehicle, washout=self.washout),
-            furnish=lambda spec: add_floor_and_light(spec, machine), stream=stream,
-        )  # fmt: skip
+            machine,
+            host,
+            port,
+            compensator=compensator,
+            host_input=HostInput(vehicle=vehicle, washout=self.washout),
+            furnish=lambda spec: add_floor_and_light(spec, machine),
+            stream=stream,
+        )
         assert isinstance(self.server.link, VehicleLink)
         self.link: VehicleLink = self.server.link
         self.address = self.server.address
         data = self.server.plant.data
         self._turn = data.body(self.server.kinematics.moving_body).xmat  # a view
         self._place = int(self.server.plant.model.joint("platform_free").dofadr[0])
-        ticks = max(1, round(ROW_S / self.server.tick_s))
+        ticks = max(1, round(row_s / self.server.tick_s))
         self._rows = _Rows(ticks=ticks, n=round(SHOWN_S / (ticks * self.server.tick_s)))
         self._status, self._error = Status(), ""
         self._on_frame: Callable[[Any], None] = lambda simulated: None
@@ -185,10 +197,16 @@ class Flight:
         flown, asked, felt = np.split(kept, 3, axis=1)
         time_s = np.arange(1 - len(kept), 1, dtype=np.float64) * (self._rows.ticks * self.server.tick_s)
         return FlightShown(
-            time_s=time_s, flown=flown, asked=asked, felt=felt, state=self._state(), packets=self._packets(),
+            time_s=time_s,
+            flown=flown,
+            asked=asked,
+            felt=felt,
+            state=self._state(),
+            packets=self._packets(),
             messages=tuple(text for _, _, text in list(self.server.messages)[-3:]),
-            behind_s=status.behind_s, error=self._error,
-        )  # fmt: skip
+            behind_s=status.behind_s,
+            error=self._error,
+        )
 
     def _state(self) -> str:
         errors = self._status.errors

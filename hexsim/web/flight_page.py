@@ -16,7 +16,6 @@ from hexsim.web.page import BOTTOM, SMALLEST, TOP, round_up
 
 GREY = "#8a8a8a"
 IS_TURN = {axis: axis in ("roll", "pitch", "yaw") for axis in AXES}
-LARGEST_GAIN, LONGEST_MS = 3.0, 500.0  # of the sliders
 WIDEST = {False: 2.0, True: 20.0}  # of a dead band's slider, m/s2 or deg/s
 
 
@@ -30,7 +29,12 @@ class FlightPage(MachinePage):
         self._build_sliders()
         self._build_figures()
 
-    def _build_sliders(self) -> None:
+    def _build_sliders(
+        self,
+        *,
+        largest_gain: float = 3.0,  # of the sliders
+        longest_ms: float = 500.0,  # of the sliders
+    ) -> None:
         gui = self.server.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(SLIDERS_PX)
@@ -43,12 +47,16 @@ class FlightPage(MachinePage):
         with gui.add_folder("Gain"):
             for axis in AXES:
                 self.gains[axis] = gui.add_slider(
-                    f"Gain {axis}", -LARGEST_GAIN, LARGEST_GAIN, 0.05, 1.0,
+                    f"Gain {axis}",
+                    -largest_gain,
+                    largest_gain,
+                    0.05,
+                    1.0,
                     hint="Times what the washout is given; below 0 the axis is turned about.",
-                )  # fmt: skip
+                )
         with gui.add_folder("Smoothing", expand_by_default=False):
             for axis in AXES:
-                self.lags[axis] = gui.add_slider(f"Smoothing {axis} [ms]", 0.0, LONGEST_MS, 10.0, 0.0)
+                self.lags[axis] = gui.add_slider(f"Smoothing {axis} [ms]", 0.0, longest_ms, 10.0, 0.0)
         with gui.add_folder("Dead band", expand_by_default=False):
             for axis in AXES:
                 unit = "deg/s" if IS_TURN[axis] else "m/s²"
@@ -67,9 +75,10 @@ class FlightPage(MachinePage):
     def _shape(self, axis: str) -> AxisShape:
         unit = 1.0 / DEG if IS_TURN[axis] else 1.0
         return AxisShape(
-            gain=float(self.gains[axis].value), smoothing_s=1e-3 * float(self.lags[axis].value),
+            gain=float(self.gains[axis].value),
+            smoothing_s=1e-3 * float(self.lags[axis].value),
             dead_band=unit * float(self.bands[axis].value),
-        )  # fmt: skip
+        )
 
     def _as_begun(self) -> None:
         for handles, value in ((self.gains, 1.0), (self.lags, 0.0), (self.bands, 0.0)):
@@ -91,9 +100,12 @@ class FlightPage(MachinePage):
                     uplot.Series(label="asked", stroke=BOTTOM, width=2, dash=(6, 4)),
                     uplot.Series(label="felt", stroke=TOP, width=2),
                 ),
-                scales=_scales(1.0), axes=_axes("m/s²"), legend=uplot.Legend(live=False), height=340,
+                scales=_scales(1.0),
+                axes=_axes("m/s²"),
+                legend=uplot.Legend(live=False),
+                height=340,
                 padding=(14, 24, 0, 0),
-            )  # fmt: skip
+            )
             self.notes = gui.add_html("")
         self._frame: tuple[float, str] | None = None
         panel.dock_left()

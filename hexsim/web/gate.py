@@ -42,9 +42,11 @@ NAMES = (LOOPBACK, "localhost")
 LARGEST_MESSAGE = 1 << 16  # bytes; a camera takes 300
 MOST_REFUSED = 100  # messages of a connection, then it is closed
 CAMERA = {field.name: 1 for field in fields(_messages.ViewerCameraMessage)} | {
-    "wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3,
-}  # fmt: skip
-LARGEST_CAMERA = 1e6  # m, px or rad
+    "wxyz": 4,
+    "position": 3,
+    "look_at": 3,
+    "up_direction": 3,
+}
 HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Frame-Options": "DENY",
@@ -136,13 +138,17 @@ def is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < math.inf
 
 
-def _is_camera(message: Mapping[str, Any]) -> bool:
+def _is_camera(
+    message: Mapping[str, Any],
+    *,
+    largest: float = 1e6,  # m, px or rad
+) -> bool:
     def are_numbers(values: Any, count: int) -> bool:
         given = values if count > 1 else [values]
         return (
             isinstance(given, (list, tuple))
             and len(given) == count
-            and all(is_number(value) and abs(value) < LARGEST_CAMERA for value in given)
+            and all(is_number(value) and abs(value) < largest for value in given)
         )
 
     return set(message) == set(CAMERA) and all(are_numbers(message[name], count) for name, count in CAMERA.items())
@@ -178,8 +184,10 @@ def _behind(gate: Gate):
         gate.is_used = True
         options |= {
             "process_request": functools.partial(gate.answer, options["process_request"]),
-            "create_connection": gated_connection(gate), "max_size": LARGEST_MESSAGE, "logger": quiet,
-        }  # fmt: skip
+            "create_connection": gated_connection(gate),
+            "max_size": LARGEST_MESSAGE,
+            "logger": quiet,
+        }
         return serve(handler, host, port, **options)
 
     websockets.asyncio.server.serve = gated  # type: ignore[assignment]

@@ -21,7 +21,6 @@ DRY_FRICTION = tuple(
 )
 LEAK, DELAY = "effects.leakage_supply_to_chamber", "effects.valve_delay"
 L_MIN_BAR = BAR / L_MIN  # l/min/bar in m3/s/Pa
-REACH = 0.9  # of the excursion that an axis has alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,22 +61,69 @@ def declared_at(machine: Machine, key: str) -> float | None:
 def knobs(machine: Machine) -> list[Knob]:
     """The sliders that this machine has: a number that its file does not declare has none."""
     made = [
-        _declared(machine, "overlap", "Overlap [µm]", ("valve.overlap_m",), 1e-6, (0.0, 40.0, 1.0),
-                  "Of the valve: the land is wider than its port, so that nothing flows until the spool has left it."),
-        _declared(machine, "friction", "Friction [%]", DRY_FRICTION, 0.01, (0.0, 300.0, 10.0),
-                  "Coulomb and static friction of all cylinders, against what the machine file says.", relative=True),
-        _declared(machine, "spool", "Spool [Hz]", ("valve.spool_frequency_Hz",), 1.0, (10.0, 200.0, 5.0),
-                  "Bandwidth of the spool."),
-        _declared(machine, "load", "Load [kg]", load_key(machine), 1.0, None,
-                  "What the legs carry. The run begins anew with another load."),
-    ]  # fmt: skip
+        _declared(
+            machine,
+            "overlap",
+            "Overlap [µm]",
+            ("valve.overlap_m",),
+            1e-6,
+            (0.0, 40.0, 1.0),
+            "Of the valve: the land is wider than its port, so that nothing flows until the spool has left it.",
+        ),
+        _declared(
+            machine,
+            "friction",
+            "Friction [%]",
+            DRY_FRICTION,
+            0.01,
+            (0.0, 300.0, 10.0),
+            "Coulomb and static friction of all cylinders, against what the machine file says.",
+            relative=True,
+        ),
+        _declared(
+            machine,
+            "spool",
+            "Spool [Hz]",
+            ("valve.spool_frequency_Hz",),
+            1.0,
+            (10.0, 200.0, 5.0),
+            "Bandwidth of the spool.",
+        ),
+        _declared(
+            machine,
+            "load",
+            "Load [kg]",
+            load_key(machine),
+            1.0,
+            None,
+            "What the legs carry. The run begins anew with another load.",
+        ),
+    ]
     effects = [
-        Knob(name="leak", label="Leak [l/min/bar]", keys=(f"{LEAK}.conductance_m3_s_Pa",),
-             hint="From the supply into the chamber of leg 1, laminar: past the spool's edge or the piston's seal.",
-             low=0.0, high=0.03, step=0.001, declared=0.0, unit=L_MIN_BAR, added=((f"{LEAK}.where", "leg 1"),)),
-        Knob(name="delay", label="Delay [ms]", keys=(f"{DELAY}.delay_s",), low=0.0, high=10.0, step=1.0,
-             hint="Dead time of the valve: from the command to its electronics.", declared=0.0, unit=1e-3),
-    ]  # fmt: skip
+        Knob(
+            name="leak",
+            label="Leak [l/min/bar]",
+            keys=(f"{LEAK}.conductance_m3_s_Pa",),
+            hint="From the supply into the chamber of leg 1, laminar: past the spool's edge or the piston's seal.",
+            low=0.0,
+            high=0.03,
+            step=0.001,
+            declared=0.0,
+            unit=L_MIN_BAR,
+            added=((f"{LEAK}.where", "leg 1"),),
+        ),
+        Knob(
+            name="delay",
+            label="Delay [ms]",
+            keys=(f"{DELAY}.delay_s",),
+            low=0.0,
+            high=10.0,
+            step=1.0,
+            hint="Dead time of the valve: from the command to its electronics.",
+            declared=0.0,
+            unit=1e-3,
+        ),
+    ]
     there = {f"effects.{name}" for name in machine.effects}
     return [knob for knob in made if knob] + [knob for knob in effects if knob.keys[0].rpartition(".")[0] not in there]
 
@@ -88,9 +134,15 @@ def load_key(machine: Machine) -> tuple[str]:
 
 
 def _declared(
-    machine: Machine, name: str, label: str, keys: tuple[str, ...], unit: float,
-    limits: tuple[float, float, float] | None, hint: str, relative: bool = False,
-) -> Knob | None:  # fmt: skip
+    machine: Machine,
+    name: str,
+    label: str,
+    keys: tuple[str, ...],
+    unit: float,
+    limits: tuple[float, float, float] | None,
+    hint: str,
+    relative: bool = False,
+) -> Knob | None:
     """A slider of declared numbers. limits: low, high and step of its value; None: from 1/4 to 2 of what is declared."""
     there = declared_at(machine, keys[0])
     if there is None or (relative and there <= 0.0):
@@ -101,9 +153,17 @@ def _declared(
         limits = step * np.ceil(value / 4 / step), 2 * value, step
     low, high, step = (float(limit) for limit in limits)
     return Knob(
-        name=name, label=label, hint=hint, keys=keys, low=min(low, value), high=max(high, value), step=step,
-        declared=value, unit=unit, relative=relative,
-    )  # fmt: skip
+        name=name,
+        label=label,
+        hint=hint,
+        keys=keys,
+        low=min(low, value),
+        high=max(high, value),
+        step=step,
+        declared=value,
+        unit=unit,
+        relative=relative,
+    )
 
 
 def machine_with(machine: Machine, values: Mapping[str, float]) -> Machine:
@@ -148,7 +208,7 @@ class Wave:
     def largest_amplitude(self, machine: Machine) -> float:
         """How far the axis may go alone on a machine, in mm or deg."""
         reach = dict(zip(machine.mechanics.dofs, excursions(machine.mechanics), strict=True))[self.axis]
-        return float(np.floor(REACH * min(-reach.minimum, reach.maximum) / self.unit[0]))
+        return float(np.floor(0.9 * min(-reach.minimum, reach.maximum) / self.unit[0]))
 
 
 def wave_of(scenario: Scenario) -> Wave | None:

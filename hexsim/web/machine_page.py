@@ -15,8 +15,7 @@ from mjviser import ViserMujocoScene
 
 from hexsim.web.gate import LOOPBACK, open_server
 
-REFRESH_S = 0.3
-PANEL_PX, SLIDERS_PX = 430, 350
+PANEL_PX, SLIDERS_PX = 430, 350  # width of the panel and of its sliders
 
 
 class Simulated(Protocol):
@@ -49,9 +48,13 @@ class MachinePage:
         return f"http://{LOOPBACK}:{self.server.get_port()}/{self.gate.token}"
 
     def run(
-        self, seconds: float | None = None, stop: threading.Event | None = None,
+        self,
+        seconds: float | None = None,
+        stop: threading.Event | None = None,
         warn: Callable[[list[str]], None] = lambda sentences: None,
-    ) -> None:  # fmt: skip
+        *,
+        refresh_s: float = 0.3,  # between two updates of the figures
+    ) -> None:
         """Simulate and show, for `seconds`, until `close`, or until `stop` is set. warn: called with new warnings of the machine."""
         self._simulated.start(self._draw)
         end = math.inf if seconds is None else time.monotonic() + seconds
@@ -60,7 +63,7 @@ class MachinePage:
                 begun = time.monotonic()
                 self._show(self._simulated.shown())
                 warn(self._simulated.new_warnings())
-                time.sleep(max(REFRESH_S, 2.0 * (time.monotonic() - begun)))  # a third of one core at most
+                time.sleep(max(refresh_s, 2.0 * (time.monotonic() - begun)))  # a third of one core at most
         finally:
             self._simulated.stop()
             warn(self._simulated.new_warnings())

@@ -21,10 +21,8 @@ from hexsim.simulation.stream import Stream
 from hexsim.web.knobs import Wave, machine_with, settings_of, wave_of, waves
 
 FRAME_S = 1.0 / 30.0  # of a page
-LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
 CUT = "The motion asks for more than the strokes: it is cut at their ends."
 STOP_S = 1.0  # for a frame or a tick to end
-SETTLE_S = 0.5  # after a change, before the figures count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +68,11 @@ class Session:
             self.waves[scenario.name] = own
         self.scenario = scenario
         self.asked = Asked(
-            motion=scenario.name, compensator=compensator, amplitude=own.amplitude if own else None,
+            motion=scenario.name,
+            compensator=compensator,
+            amplitude=own.amplitude if own else None,
             frequency_Hz=own.frequency_Hz if own else None,
-        )  # fmt: skip
+        )
         self._lock = threading.Lock()  # of machine and recent motion
         self._wanted = self._handled = self._present = self.asked
         self._recent, self._stream = RecentMotion(), stream
@@ -113,11 +113,16 @@ class Session:
         """Take effect at the next frame; what comes more often is taken together."""
         self.asked = self._wanted = asked
 
-    def _run(self, on_frame: Callable[[LiveMachine], None]) -> None:
+    def _run(
+        self,
+        on_frame: Callable[[LiveMachine], None],
+        *,
+        longest_s: float = 0.1,  # a computer that is slower than real time shows slow motion instead of standing still
+    ) -> None:
         last = time.perf_counter()
         while not self._stop.is_set():
             now, compiled_s = time.perf_counter(), seconds_compiled()
-            due, last = min(now - last, LONGEST_CATCH_UP_S), now
+            due, last = min(now - last, longest_s), now
             with self._lock:
                 if self._wanted is not self._handled:
                     self._take_over(self._wanted)
@@ -199,9 +204,13 @@ class Session:
             words += ["--set", f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}"]
         return shlex.join(words)
 
-    def _settled_from(self) -> float:
+    def _settled_from(
+        self,
+        *,
+        settle_s: float = 0.5,  # after a change, before the figures count
+    ) -> float:
         """From when on the figures count, after a change now."""
-        return max(self.live.motion.steady_s(), self.live.time_s) + SETTLE_S
+        return max(self.live.motion.steady_s(), self.live.time_s) + settle_s
 
     def shown(self) -> Shown:
         """What is to be shown now; the figures are made here, beside the simulation."""
@@ -212,8 +221,13 @@ class Session:
         with self._lock:
             if live is self.live and since == self._since_s:
                 self._shown = replace(
-                    self._shown, asked=self._present, figures=figures or self._shown.figures, time_s=live.time_s, speed=self._speed,
+                    self._shown,
+                    asked=self._present,
+                    figures=figures or self._shown.figures,
+                    time_s=live.time_s,
+                    speed=self._speed,
                     error=self._error or (CUT if live.out_of_reach else ""),
-                    warnings=tuple(live.cavitation.told)[-3:], known=live.loop.known,
-                )  # fmt: skip
+                    warnings=tuple(live.cavitation.told)[-3:],
+                    known=live.loop.known,
+                )
             return self._shown

@@ -77,12 +77,22 @@ def signals(seconds: float, legs: list[Leg]) -> Iterator[list[Sample]]:
         forces, speeds = np.array([p * 1.2566e-3 - 3848.6 for _, p in read]), np.array([leg.v for leg in legs])
         row = [
             Sample(
-                t, y[k], y[k : k + 15], position, 50.0 * (y[k] - position), leg.valve_V, pressure, 7e6,
-                load_preview_m_s2=load[k : k + 15] if 2.0 < t < 9.0 else load[:0], forces_N=forces, speeds_m_s=speeds,
-                load_of_pose_m_s2=0.01 * math.sin(t), mobility=np.array(context.mobility),
+                t,
+                y[k],
+                y[k : k + 15],
+                position,
+                50.0 * (y[k] - position),
+                leg.valve_V,
+                pressure,
+                7e6,
+                load_preview_m_s2=load[k : k + 15] if 2.0 < t < 9.0 else load[:0],
+                forces_N=forces,
+                speeds_m_s=speeds,
+                load_of_pose_m_s2=0.01 * math.sin(t),
+                mobility=np.array(context.mobility),
             )
             for leg, context, (position, pressure) in zip(legs, TWO_LEGS, read, strict=True)
-        ]  # fmt: skip
+        ]
         if 8.6 <= t < 8.7:
             row[0] = replace(row[0], pressure_bottom_Pa=math.nan)
         if k == 4650:
@@ -186,8 +196,23 @@ def test_the_example_compiles_and_compensates(compiler, exported, tmp_path):
 
 
 MATHEMATICS = {
-    "ceil", "exp", "exp2", "hypot", "log", "log10", "log1p", "pow", "rint", "sin", "cos", "sincos", "tan", "tanh", "floor", "fmod",
-}  # fmt: skip
+    "ceil",
+    "exp",
+    "exp2",
+    "hypot",
+    "log",
+    "log10",
+    "log1p",
+    "pow",
+    "rint",
+    "sin",
+    "cos",
+    "sincos",
+    "tan",
+    "tanh",
+    "floor",
+    "fmod",
+}
 
 
 def test_the_code_needs_the_c_librarys_mathematics_alone(exported):

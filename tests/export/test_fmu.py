@@ -51,9 +51,11 @@ class Fmu:
     def instance(self, parameters: dict[str, float] | None = None, stop_time: float | None = None) -> FMU2Slave:
         """A slave before the end of its initialisation."""
         slave = FMU2Slave(
-            guid=self.description.guid, unzipDirectory=self.folder,
-            modelIdentifier=self.description.coSimulation.modelIdentifier, instanceName="one",
-        )  # fmt: skip
+            guid=self.description.guid,
+            unzipDirectory=self.folder,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="one",
+        )
         slave.instantiate(callbacks=self._callbacks())
         slave.setupExperiment(stopTime=stop_time)
         self.initialise(slave, parameters or {})
@@ -452,17 +454,20 @@ def test_every_variable_has_its_unit(fmus):
     assert units["acceleration_z_m_s2"] == "m/s2"
     assert units["friction.viscous_extend_N_s_m"] == "N.s/m"
     assert {name for name, unit in units.items() if unit is None} == {
-        "cylinder.rod_side_conductance_m3_s_sqrtPa", "valve.discharge_coefficient", "valve.spool_damping",
+        "cylinder.rod_side_conductance_m3_s_sqrtPa",
+        "valve.discharge_coefficient",
+        "valve.spool_damping",
         "valve.laminar_reynolds",
-    }  # fmt: skip
+    }
 
 
 def test_the_command_writes_it(tmp_path):
-    """`hexsim export fmu MACHINE --out FILE`; a step that is none is a sentence and leaves no file."""
+    """`hexsim export fmu MACHINE --out FILE --linux-only`; a step that is none is a sentence and leaves no file."""
     out = tmp_path / "bench.fmu"
-    done = CliRunner().invoke(app, ["export", "fmu", "bench", "--what", "plant", "--out", str(out), "--json"])
+    command = ["export", "fmu", "bench", "--what", "plant", "--linux-only", "--out", str(out), "--json"]
+    done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
-    assert json.loads(done.stdout)["outputs"] == 5
+    assert json.loads(done.stdout)["outputs"] == 5 and json.loads(done.stdout)["systems"] == ["linux64"]
     assert out.stat().st_size < 5e6
     bad = CliRunner().invoke(app, ["export", "fmu", "bench", "--out", str(tmp_path / "no.fmu"), "--timestep", "0.1"])
     assert bad.exit_code == 2

@@ -82,9 +82,11 @@ class Slave:
         description = fmpy.read_model_description(unpacked)
         self.variables = {v.name: v for v in description.modelVariables}
         self.fmu = FMU2Slave(
-            guid=description.guid, unzipDirectory=unpacked, instanceName="one",
+            guid=description.guid,
+            unzipDirectory=unpacked,
+            instanceName="one",
             modelIdentifier=description.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        )
         self.fmu.instantiate()
         self.fmu.setupExperiment()
         for name, value in (parameters or {}).items():

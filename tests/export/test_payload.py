@@ -98,9 +98,11 @@ def compiled_fmu(folder, fmi, source):
         f"-DFMI={fmi}",
     ]
     subprocess.run(
-        [*command, "-o", str(folder / "spring.so"), str(folder / "spring.c")], check=True, capture_output=True,
+        [*command, "-o", str(folder / "spring.so"), str(folder / "spring.c")],
+        check=True,
+        capture_output=True,
         env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(folder / "cache")},
-    )  # fmt: skip
+    )
     place = {2: "linux64", 3: "x86_64-linux"}[fmi]
     with zipfile.ZipFile(folder / "spring.fmu", "w") as archive:
         archive.write(folder / "spring.so", f"binaries/{place}/spring.so")

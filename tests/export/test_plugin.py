@@ -44,6 +44,13 @@ np.save(out, np.vstack([places, np.full(model.nu, at_home)]))
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
+    """The bench's plugin for this system: the compiler makes the C library of another one at its first use, which takes a minute."""
+    export_plugin(hx.load_machine("bench"), out := tmp_path_factory.mktemp("plugin"), systems=["linux64"])
+    return out
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
     """What `hexsim export plugin bench` writes."""
     out = tmp_path_factory.mktemp("plugin")
     done = CliRunner().invoke(app, ["export", "plugin", "bench", "--out", str(out), "--json"])
@@ -165,21 +172,23 @@ def test_what_a_leg_cannot_hold_is_refused(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_the_windows_library_needs_windows_alone(folder):
+@pytest.mark.slow
+def test_the_windows_library_needs_windows_alone(written):
     """Its imports are the C library and kernel32; MuJoCo is found in the process that loads it."""
     pefile = pytest.importorskip("pefile", reason="reads libraries of Windows")
-    found = pefile.PE(data=(folder / "hexsim_leg.dll").read_bytes())
+    found = pefile.PE(data=(written / "hexsim_leg.dll").read_bytes())
     names = {entry.dll.decode().lower() for entry in found.DIRECTORY_ENTRY_IMPORT}
     assert all(name == "kernel32.dll" or name.startswith(("api-ms-win-crt", "msvcrt", "ucrtbase")) for name in names), (
         names
     )
-    assert NAME.encode() in (folder / "libhexsim_leg.so").read_bytes()
+    assert NAME.encode() in (written / "libhexsim_leg.so").read_bytes()
 
 
-def test_the_macos_library_needs_its_system_alone(folder):
+@pytest.mark.slow
+def test_the_macos_library_needs_its_system_alone(written):
     """A signed library for arm64 that names no folder; it imports from libSystem alone, and nothing of MuJoCo or Python by name:
     MuJoCo's functions are found in the process that loads it."""
-    data = (folder / "libhexsim_leg.dylib").read_bytes()
+    data = (written / "libhexsim_leg.dylib").read_bytes()
     magic, processor, _, kind, count = struct.unpack_from("<5I", data)
     assert (magic, processor, kind) == (0xFEEDFACF, 0x0100000C, 6)  # 64 bit, arm64, a dynamic library
     commands, place = {}, 32

@@ -84,8 +84,10 @@ def test_slopes_are_those_of_mujoco(name, extends):
     ]
     leg = 0 if n == 1 else 1
     for state, column in (
-        ("pressure", mark("pressure_bottom", "Pa")), ("velocity", mark("velocity", "m_s")), ("spool", mark("spool", "m")),
-    ):  # fmt: skip
+        ("pressure", mark("pressure_bottom", "Pa")),
+        ("velocity", mark("velocity", "m_s")),
+        ("spool", mark("spool", "m")),
+    ):
         by_model = model.A[:, model.states.index(column)]
         for own, told in zip(rows, plant.along(state, leg, STEPS[state]), strict=True):
             size = max(np.abs(told).max(), np.abs(by_model[own]).max())

@@ -28,9 +28,13 @@ def fuzz(strategy: SearchStrategy, claim: Callable[[Any], None], examples: int) 
     how to repeat the one that failed."""
     quiet = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example]
     chosen = settings(
-        max_examples=examples, derandomize=examples == 20, database=None, deadline=LONGEST, print_blob=True,
+        max_examples=examples,
+        derandomize=examples == 20,
+        database=None,
+        deadline=LONGEST,
+        print_blob=True,
         suppress_health_check=quiet,
-    )  # fmt: skip
+    )
     most = peak_bytes() + MOST_BYTES
 
     def within_memory(example: Any) -> None:

@@ -37,29 +37,54 @@ VEHICLE_PACKETS = {
 }
 VEHICLE_PACKETS |= {"jsbsim": VEHICLE_PACKETS["flightgear"], "lfs": VEHICLE_PACKETS["outsim"]}
 LAYOUT = PacketLayout.model_validate(
-    {"bytes": 40, "fields": {
-        "time_s": {"type": "Q", "offset": 0}, "up_m_s2": {"type": "f", "offset": 8, "factor": 1e300},
-        "roll_rad_s": {"type": "d", "offset": 12}, "left_m_s2": {"type": "h", "offset": 38, "zero": 3.0},
-    }}
-)  # fmt: skip
+    {
+        "bytes": 40,
+        "fields": {
+            "time_s": {"type": "Q", "offset": 0},
+            "up_m_s2": {"type": "f", "offset": 8, "factor": 1e300},
+            "roll_rad_s": {"type": "d", "offset": 12},
+            "left_m_s2": {"type": "h", "offset": 38, "zero": 3.0},
+        },
+    }
+)
 WIDE = PacketLayout.model_validate(
-    {"bytes": 10, "starts_with": "4d4f", "fields": {
-        "up_m_s2": {"type": "i24", "offset": 2, "factor": 1e-4}, "roll_rad_s": {"type": "u24", "offset": 5, "factor": 1e-6},
-    }}
-)  # fmt: skip
+    {
+        "bytes": 10,
+        "starts_with": "4d4f",
+        "fields": {
+            "up_m_s2": {"type": "i24", "offset": 2, "factor": 1e-4},
+            "roll_rad_s": {"type": "u24", "offset": 5, "factor": 1e-6},
+        },
+    }
+)
 EXAMPLES = Path(__file__).parents[2] / "examples" / "protocols"
 LEGS_TEXT = b",".join([b"32767"] * 6)
-BRIDGE_JSON = json.dumps({
-    "ACCELERATION BODY X": 0.1, "ACCELERATION BODY Y": 0.1, "ACCELERATION BODY Z": 0.1, "PLANE BANK DEGREES": 0.1,
-    "PLANE PITCH DEGREES": 0.1, "ROTATION VELOCITY BODY X": 0.1, "ROTATION VELOCITY BODY Y": 0.1,
-    "ROTATION VELOCITY BODY Z": 0.1,
-}).encode()  # fmt: skip
+BRIDGE_JSON = json.dumps(
+    {
+        "ACCELERATION BODY X": 0.1,
+        "ACCELERATION BODY Y": 0.1,
+        "ACCELERATION BODY Z": 0.1,
+        "PLANE BANK DEGREES": 0.1,
+        "PLANE PITCH DEGREES": 0.1,
+        "ROTATION VELOCITY BODY X": 0.1,
+        "ROTATION VELOCITY BODY Y": 0.1,
+        "ROTATION VELOCITY BODY Z": 0.1,
+    }
+).encode()
 COMMAND = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, command="start")
 MOVING = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, derivatives=(SIX, SIX))
 REPLY = Reply(
-    state=State.NORMAL, errors=Error.NONE, sequence=1, arrived=True, refused=False, time_s=1.0, behind_s=0.0, age_s=0.0,
-    pose=SIX, reference=SIX,
-)  # fmt: skip
+    state=State.NORMAL,
+    errors=Error.NONE,
+    sequence=1,
+    arrived=True,
+    refused=False,
+    time_s=1.0,
+    behind_s=0.0,
+    age_s=0.0,
+    pose=SIX,
+    reference=SIX,
+)
 ASKED = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"a": [1.0, None] * 200})
 TELEMETRY = [
     Telemetry(n_legs=n, sequence=1, time_s=0.0, rate_Hz=500.0, rows=np.full((m, width(n)), 0.1))

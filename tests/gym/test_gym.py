@@ -20,9 +20,11 @@ MOTION = Scenario(
     name="m", mode="dof", signals={"z": Sine(amplitude=0.04, frequency_Hz=0.8)}, duration_s=2.0, fade_s=0.5
 )
 EFFECTS = {
-    "effects.valve_delay.delay_s": (0.004, 0.004), "effects.valve_hysteresis.half_width_V": (0.01, 0.05),
-    "valve.hysteresis_percent": (1.0, 1.0), "valve.threshold_percent": (0.4, 0.4),
-}  # fmt: skip
+    "effects.valve_delay.delay_s": (0.004, 0.004),
+    "effects.valve_hysteresis.half_width_V": (0.01, 0.05),
+    "valve.hysteresis_percent": (1.0, 1.0),
+    "valve.threshold_percent": (0.4, 0.4),
+}
 
 
 def test_gymnasium_has_nothing_to_say():

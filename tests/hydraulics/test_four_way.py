@@ -5,20 +5,25 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg, ports, rod_side
 from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, P, declared_rows
+from hexsim.machine import Machine
 from hexsim.machine.files import changed
 
 PS, PT, DENSITY = 16.0e6, 3.0e5, 860.0
 A1, A2 = math.pi / 4 * 0.04**2, math.pi / 4 * (0.04**2 - 0.03**2)
 RATED, DROP, TRAVEL, OVERLAP = 6.0e-4, 3.5e6, 1.1e-3, 5e-6
 FOUR_WAY = {
-    "valve.kind": "four_way", "cylinder.rod_side": "valve", "supply.pressure_Pa": PS, "supply.tank_pressure_Pa": PT,
-    "valve.spool_diameter_m": None, "valve.rated_flow_m3_s": RATED, "valve.rated_pressure_drop_Pa": DROP,
+    "valve.kind": "four_way",
+    "cylinder.rod_side": "valve",
+    "supply.pressure_Pa": PS,
+    "supply.tank_pressure_Pa": PT,
+    "valve.spool_diameter_m": None,
+    "valve.rated_flow_m3_s": RATED,
+    "valve.rated_pressure_drop_Pa": DROP,
     "cylinder.rod_side_volume_m3": 2.0e-5,
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -70,9 +75,11 @@ def test_dead_band_of_four_edges_and_of_each_alone(servo):
     own = (4e-6, 8e-6, 12e-6, -2e-6)  # P-A, A-T, P-B, B-T; the last is an underlap
     row = declared_rows(changed(servo, {"valve.overlap_m": None, "valve.overlap_edges_m": own}))[0]
     at = [
-        lambda x: ports.supply_edge_flow(row, x, 6e6, PS), lambda x: ports.tank_edge_flow(row, -x, 6e6),
-        lambda x: ports.top_supply_flow(row, -x, 9e6, PS), lambda x: ports.top_tank_flow(row, x, 9e6),
-    ]  # fmt: skip
+        lambda x: ports.supply_edge_flow(row, x, 6e6, PS),
+        lambda x: ports.tank_edge_flow(row, -x, 6e6),
+        lambda x: ports.top_supply_flow(row, -x, 9e6, PS),
+        lambda x: ports.top_tank_flow(row, x, 9e6),
+    ]
     for flow, overlap in zip(at, own, strict=True):
         assert flow(overlap - 1e-9) == 0.0 < flow(overlap + 1e-9)
     full = [flow(TRAVEL) for flow in at]
@@ -152,8 +159,10 @@ def test_a_void_grows_by_what_the_piston_leaves_and_the_valve_does_not_bring(row
         state = [6e6, 9e6, x, 0.0, 0.0]
         state[which] = vapour - depth
         rates = leg.leg_derivatives(row, y, speed, 0.0, 0.0, PS, tuple(state), 0.0)[0]
-        void = [(vapour - s) * volume(at) / 1.5e9 for s, at in
-                ((state[which], y), (state[which] + h * rates[which], y + h * speed))]  # fmt: skip
+        void = [
+            (vapour - s) * volume(at) / 1.5e9
+            for s, at in ((state[which], y), (state[which] + h * rates[which], y + h * speed))
+        ]
         assert (void[1] - void[0]) / h == pytest.approx(area * abs(speed) - flow, rel=1e-5)
 
 
@@ -168,10 +177,14 @@ def test_power_balance_of_a_leg(row, x, v):
     edges = ports.supply_edge_flow(row, x, P1, PS) + ports.top_supply_flow(row, x, P2, PS)
     assert demand == pytest.approx(edges, rel=1e-12)
     by_hand = (
-        ports.supply_edge_flow(row, x, P1, PS) * (PS - P1) + ports.top_supply_flow(row, x, P2, PS) * (PS - P2)
-        + ports.tank_edge_flow(row, x, P1) * P1 + ports.top_tank_flow(row, x, P2) * P2
-        + 2e-12 * (P1 - P2) ** 2 + 3e-13 * P2**2 + leg.friction_force(row, 0.1, v, P1, 0.0) * v
-    )  # fmt: skip
+        ports.supply_edge_flow(row, x, P1, PS) * (PS - P1)
+        + ports.top_supply_flow(row, x, P2, PS) * (PS - P2)
+        + ports.tank_edge_flow(row, x, P1) * P1
+        + ports.top_tank_flow(row, x, P2) * P2
+        + 2e-12 * (P1 - P2) ** 2
+        + 3e-13 * P2**2
+        + leg.friction_force(row, 0.1, v, P1, 0.0) * v
+    )
     assert leg.heat(row, 0.1, v, x, P1, P2, PS, 0.0, into_a, demand) == pytest.approx(by_hand, rel=1e-9)
 
 

@@ -71,11 +71,15 @@ def stand(sweep):
     rounding = leakage / (2 * RATED_GPM * np.log(2.0) * np.sqrt(SUPPLY_PSI / DROP_PSI))  # of full travel
     curve = {"signal": points.tolist(), "flow": (100 / RATED_GPM * ways.mean(axis=1)).tolist(), "flow_unit": "%"}
     sheet = {
-        "valve.overlap_m": None, "valve.flow_curve": curve, "valve.rated_flow_m3_s": RATED_GPM * servovalve.GPM,
-        "valve.rated_pressure_drop_Pa": 0.5 * DROP_PSI * servovalve.PSI, "valve.edge_rounding_m": rounding * 5e-4,
+        "valve.overlap_m": None,
+        "valve.flow_curve": curve,
+        "valve.rated_flow_m3_s": RATED_GPM * servovalve.GPM,
+        "valve.rated_pressure_drop_Pa": 0.5 * DROP_PSI * servovalve.PSI,
+        "valve.edge_rounding_m": rounding * 5e-4,
         "valve.hysteresis_percent": float(np.mean(ways[near, 1] - ways[near, 0]) / slope),
-        "supply.pressure_Pa": SUPPLY_PSI * servovalve.PSI, "supply.tank_pressure_Pa": 0.0,
-    }  # fmt: skip
+        "supply.pressure_Pa": SUPPLY_PSI * servovalve.PSI,
+        "supply.tank_pressure_Pa": 0.0,
+    }
     machine = changed(load_machine("servo_bench"), sheet)
     assert machine.valve.spool_travel_max_m == 5e-4
     return valve_test(machine)

@@ -29,9 +29,12 @@ EFFECT = Effect(
 )
 """
 MOTION = {
-    "name": "short", "mode": "actuator", "duration_s": 2.0, "fade_s": 0.5,
+    "name": "short",
+    "mode": "actuator",
+    "duration_s": 2.0,
+    "fade_s": 0.5,
     "axes": {"leg_1": {"kind": "sine", "amplitude": 0.02, "frequency_Hz": 1.0}},
-}  # fmt: skip
+}
 
 
 def installed(folder, name: str) -> None:

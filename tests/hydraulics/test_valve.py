@@ -46,10 +46,15 @@ def test_spool_is_a_second_order_system():
 @pytest.mark.parametrize(
     ("x", "opening"),
     [
-        (0.0, 0.0), (OVERLAP, 0.0), (OVERLAP * (1 - 1e-9), 0.0), (2 * OVERLAP, OVERLAP), (TRAVEL, TRAVEL - OVERLAP),
-        (-OVERLAP, 0.0), (-TRAVEL, 0.0),
+        (0.0, 0.0),
+        (OVERLAP, 0.0),
+        (OVERLAP * (1 - 1e-9), 0.0),
+        (2 * OVERLAP, OVERLAP),
+        (TRAVEL, TRAVEL - OVERLAP),
+        (-OVERLAP, 0.0),
+        (-TRAVEL, 0.0),
     ],
-)  # fmt: skip
+)
 def test_sharp_overlap_law(x, opening):
     """Eq. 3.3: closed up to and at the overlap and for all travel the other way, x - O beyond."""
     assert valve.opening(x, OVERLAP, 0.0) == pytest.approx(opening, rel=1e-12, abs=0)

@@ -16,10 +16,16 @@ from hexsim.studies.valve_test import valve_test
 
 CURVE = {"signal": [0.0, 2.0, 40.0, 100.0], "flow": [0.0, 0.0, 10.0, 38.0]}
 SHEET = {
-    "valve.overlap_m": None, "valve.flow_curve": CURVE, "valve.hysteresis_percent": 2.0, "valve.null_shift_percent": 0.5,
-    "valve.spool_frequency_Hz": 0.0, "valve.small_signal_minus_90deg_Hz": 100.0,
-    "valve.small_signal_minus_3dB_Hz": 90.0, "valve.large_signal_minus_3dB_Hz": 35.0, "valve.edge_rounding_m": 0.0,
-}  # fmt: skip
+    "valve.overlap_m": None,
+    "valve.flow_curve": CURVE,
+    "valve.hysteresis_percent": 2.0,
+    "valve.null_shift_percent": 0.5,
+    "valve.spool_frequency_Hz": 0.0,
+    "valve.small_signal_minus_90deg_Hz": 100.0,
+    "valve.small_signal_minus_3dB_Hz": 90.0,
+    "valve.large_signal_minus_3dB_Hz": 35.0,
+    "valve.edge_rounding_m": 0.0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -64,10 +70,18 @@ def test_flow_curve_at_its_points_and_between(machine, sign):
 
 def test_flow_curve_in_other_units(machine):
     """The same curve in volts and cubic metres a second, or in shares, gives the same points."""
-    volts = {"signal": [s / 10 for s in CURVE["signal"]], "flow": [q / 6e4 for q in CURVE["flow"]],
-             "signal_unit": "V", "flow_unit": "m3_s"}  # fmt: skip
-    shares = {"signal": [s / 100 for s in CURVE["signal"]], "flow": [q / 38 for q in CURVE["flow"]],
-              "signal_unit": "1", "flow_unit": "1"}  # fmt: skip
+    volts = {
+        "signal": [s / 10 for s in CURVE["signal"]],
+        "flow": [q / 6e4 for q in CURVE["flow"]],
+        "signal_unit": "V",
+        "flow_unit": "m3_s",
+    }
+    shares = {
+        "signal": [s / 100 for s in CURVE["signal"]],
+        "flow": [q / 38 for q in CURVE["flow"]],
+        "signal_unit": "1",
+        "flow_unit": "1",
+    }
     for other in (volts, shares):
         again = flow_points(changed(machine, {"valve.flow_curve": other}).valve, 860.0)
         np.testing.assert_allclose(again, flow_points(machine.valve, 860.0), rtol=1e-7, atol=1e-18)

@@ -129,11 +129,21 @@ def test_there_are_required_keys_to_miss():
     """The list above is not empty by mistake: keys of every table, and the whole of a hexapod's geometry."""
     keys = list(required_keys())
     assert {k[1] for k in keys if k[0] == "bench"} == {
-        "machine", "supply", "oil", "cylinder", "valve", "friction", "controller"
-    }  # fmt: skip
+        "machine",
+        "supply",
+        "oil",
+        "cylinder",
+        "valve",
+        "friction",
+        "controller",
+    }
     assert {k[2] for k in keys if k[1] == "geometry"} == {
-        "base_radius_m", "base_half_angle_deg", "platform_radius_m", "platform_half_angle_deg", "neutral_leg_length_m"
-    }  # fmt: skip
+        "base_radius_m",
+        "base_half_angle_deg",
+        "platform_radius_m",
+        "platform_half_angle_deg",
+        "neutral_leg_length_m",
+    }
 
 
 @pytest.mark.parametrize("table", ["machine", "supply", "oil", "cylinder", "valve", "friction", "controller", "load"])

@@ -26,9 +26,11 @@ def run(hexapod):
     changes = {"points": {"driver_head": HEAD, "below": [0.0, 0.0, -1.1]}}
     machine = changed(hexapod, IDEAL | changes)
     scenario, machine = apply_settings(
-        load_scenario("combined", duration_s=0.6), machine,
-        {"scenario.fade_s": 0.0, "sensors.imu_position_m": HEAD, "sensors.imu_orientation_deg": [10.0, -20.0, 90.0]}, "test",
-    )  # fmt: skip
+        load_scenario("combined", duration_s=0.6),
+        machine,
+        {"scenario.fade_s": 0.0, "sensors.imu_position_m": HEAD, "sensors.imu_orientation_deg": [10.0, -20.0, 90.0]},
+        "test",
+    )
     return simulate(machine, scenario, fast=True)
 
 

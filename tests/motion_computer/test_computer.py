@@ -74,8 +74,13 @@ def test_start_neutral_manual_and_back_to_rest() -> None:
     assert computer.state == State.OFF and not computer.pump_on
     assert machine.positions == pytest.approx(np.full(6, 0.004))
     assert [after for _, _, _, after in computer.events] == [
-        "starting", "neutral", "manual", "neutral", "settling", "off",
-    ]  # fmt: skip
+        "starting",
+        "neutral",
+        "manual",
+        "neutral",
+        "settling",
+        "off",
+    ]
 
 
 @pytest.mark.parametrize(("command", "after"), [("return_neutral", State.NEUTRAL), ("settle", State.SETTLING)])

@@ -212,9 +212,14 @@ def test_filters_converge_to_the_analogue_ones_with_second_order(bench):
     errors = []
     for rate in (500.0, 1000.0, 2000.0):
         control = declared(
-            bench, rate_Hz=rate, pressure_feedback_V_per_Pa=1e-7, pressure_high_pass_Hz=10.0,
-            velocity_gain_V_s_per_m=1.0, velocity_filter_Hz=30.0, gain_V_per_m=1e-3,
-        )  # fmt: skip
+            bench,
+            rate_Hz=rate,
+            pressure_feedback_V_per_Pa=1e-7,
+            pressure_high_pass_Hz=10.0,
+            velocity_gain_V_s_per_m=1.0,
+            velocity_filter_Hz=30.0,
+            gain_V_per_m=1e-3,
+        )
         found = transfer(reduced(controller_matrices(control, 40.0)), np.exp([2j * np.pi * 20.0 / rate]))[0, 0]
         s = 2j * math.pi * 20.0
         high = -1e-7 * s / (s + 2 * math.pi * 10.0)

@@ -39,9 +39,17 @@ def test_packets_survive_the_wire() -> None:
     more = HostCommand(sequence=3, time_s=0.5, setpoints=SIX, derivatives=(SIX[::-1], SIX))
     assert unpack_command(more.pack()) == more
     reply = Reply(
-        state=State.FAULT, errors=Error.SENSOR | Error.WORKSPACE, sequence=9, arrived=True, refused=False, time_s=1.0,
-        behind_s=0.25, age_s=0.01, pose=SIX, reference=SIX[::-1],
-    )  # fmt: skip
+        state=State.FAULT,
+        errors=Error.SENSOR | Error.WORKSPACE,
+        sequence=9,
+        arrived=True,
+        refused=False,
+        time_s=1.0,
+        behind_s=0.25,
+        age_s=0.01,
+        pose=SIX,
+        reference=SIX[::-1],
+    )
     assert unpack_reply(reply.pack()) == reply
 
 
@@ -49,9 +57,17 @@ def test_what_is_no_reply_is_said() -> None:
     """Another size, another version, a state that there is not, times that are not finite, poses that cannot be: each in its
     words, so that a host can tell a machine of another version from silence. A pose that is not known is no lie."""
     good = Reply(
-        state=State.NORMAL, errors=Error.NONE, sequence=9, arrived=True, refused=False, time_s=1.0, behind_s=0.0,
-        age_s=0.01, pose=SIX, reference=SIX,
-    ).pack()  # fmt: skip
+        state=State.NORMAL,
+        errors=Error.NONE,
+        sequence=9,
+        arrived=True,
+        refused=False,
+        time_s=1.0,
+        behind_s=0.0,
+        age_s=0.01,
+        pose=SIX,
+        reference=SIX,
+    ).pack()
     assert "3 bytes that begin with b'abc'; expected 136" in unpack_reply(b"abc")
     assert "another version, b'HXS2'" in unpack_reply(b"HXS2" + good[4:])
     assert "unknown state 77" in unpack_reply(good[:4] + struct.pack("<H", 77) + good[6:])

@@ -9,7 +9,8 @@ from hypothesis.extra.numpy import arrays
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.host_limiter import LARGEST, MEMORY, Gate, HostLimiter, PERIOD_s, setpoints_of
+from hexsim.motion_computer.host_limiter import MEMORY, Gate, HostLimiter, PERIOD_s, setpoints_of
+from hexsim.motion_computer.host_packet import LARGEST
 from hexsim.tracing.design.motions import KINDS, MotionFamily
 
 MACHINES = {name: load_machine(name) for name in ("bench", "micro_motion_system")}

@@ -17,12 +17,17 @@ WITHOUT_DRY_FRICTION = {
     f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")
 }
 AS_BUILT = {  # feed-forward, pressure feedback, delay and filters
-    "controller.gain_V_per_m": 100.0, "controller.pressure_feedback_V_per_Pa": 5e-8,
-    "controller.computing_delay_ticks": 1.5, "controller.velocity_feed_forward_V_s_per_m": 9.0,
-    "controller.acceleration_feed_forward_V_s2_per_m": 0.05, "controller.load_feed_forward": True,
-    "controller.setpoint_filter_Hz": 20.0, "sensors.position_filter_Hz": 150.0, "sensors.pressure_filter_Hz": 150.0,
+    "controller.gain_V_per_m": 100.0,
+    "controller.pressure_feedback_V_per_Pa": 5e-8,
+    "controller.computing_delay_ticks": 1.5,
+    "controller.velocity_feed_forward_V_s_per_m": 9.0,
+    "controller.acceleration_feed_forward_V_s2_per_m": 0.05,
+    "controller.load_feed_forward": True,
+    "controller.setpoint_filter_Hz": 20.0,
+    "sensors.position_filter_Hz": 150.0,
+    "sensors.pressure_filter_Hz": 150.0,
     "sensors.pressure_filter_order": 3,
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +114,10 @@ def test_late_volts_and_late_transducers_cost_phase(servo_bench):
     before = worst_figures(servo_bench)
     lost = 360 * before.crossover_Hz * 0.004
     for keys in (
-        {"controller.computing_delay_ticks": 2.0}, {"sensors.position_delay_s": 0.004},
+        {"controller.computing_delay_ticks": 2.0},
+        {"sensors.position_delay_s": 0.004},
         {"effects": {"valve_delay": {"delay_s": 0.004}}},
-    ):  # fmt: skip
+    ):
         after = worst_figures(changed(servo_bench, keys))
         assert before.phase_margin_deg - after.phase_margin_deg == pytest.approx(lost, rel=0.15), keys
 
@@ -174,9 +180,15 @@ def test_stability_is_that_of_the_eigenvalues_of_the_whole_loop(seed):
         controller = (np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((1, 0)), gain * np.array([[1.0, -1.0, 0.0]]))
         plant = (A, B, np.vstack([row, np.zeros((1, 3)), row]), np.zeros((3, 1)))
         loop = Loop(
-            leg=1, mode=1, mass_kg=1.0, extends=True, tick_s=0.002, plant=plant, controller=controller,
+            leg=1,
+            mode=1,
+            mass_kg=1.0,
+            extends=True,
+            tick_s=0.002,
+            plant=plant,
+            controller=controller,
             late_ticks=(float(volts), float(reading), 0.0),
-        )  # fmt: skip
+        )
         whole = np.zeros((3 + register, 3 + register))  # all delays as old volts, newest first
         whole[:3, :3] = A
         if register:

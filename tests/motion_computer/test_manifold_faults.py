@@ -16,13 +16,22 @@ TIME_s, LIMIT_m_s2, REST_s = 3.3, 0.8 * 9.81, 6.0
 HARD = [dict(kind="valve_stuck", leg=1, at="open"), dict(kind="power_loss", buffered=False)]
 CASES = [
     *HARD,
-    dict(kind="valve_stuck", leg=1, at=-10.0), dict(kind="valve_stuck", leg=1, at=2.0),
-    dict(kind="valve_stuck", leg=1, at="present"), dict(kind="valve_stuck", leg=1, at="shut"),
-    dict(kind="spool_lag", leg=1), dict(kind="position_sensor", leg=1, how="nan"),
-    dict(kind="position_sensor", leg=1, how="frozen"), dict(kind="position_sensor", leg=1, how="jump"),
-    dict(kind="leg_blind", leg=1), dict(kind="pressure_loss"), dict(kind="pump_trip"), dict(kind="hose_burst", leg=1),
-    dict(kind="power_loss"), dict(kind="payload_shift"), dict(kind="host_silence"),
-]  # fmt: skip
+    dict(kind="valve_stuck", leg=1, at=-10.0),
+    dict(kind="valve_stuck", leg=1, at=2.0),
+    dict(kind="valve_stuck", leg=1, at="present"),
+    dict(kind="valve_stuck", leg=1, at="shut"),
+    dict(kind="spool_lag", leg=1),
+    dict(kind="position_sensor", leg=1, how="nan"),
+    dict(kind="position_sensor", leg=1, how="frozen"),
+    dict(kind="position_sensor", leg=1, how="jump"),
+    dict(kind="leg_blind", leg=1),
+    dict(kind="pressure_loss"),
+    dict(kind="pump_trip"),
+    dict(kind="hose_burst", leg=1),
+    dict(kind="power_loss"),
+    dict(kind="payload_shift"),
+    dict(kind="host_silence"),
+]
 
 
 def result(fault: dict, machine=WITH, fast=True, duration_s=7.0, time_s=TIME_s):

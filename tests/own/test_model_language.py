@@ -13,11 +13,39 @@ from hexsim.own.simulate import Simulator, record_of, records_of
 from hexsim.signals.log import Log
 
 HOSTILE = [
-    "__import__('os').system('true')", "(lambda: 1)()", "[x for x in x]", "x.real", "x[0]", "'a' * 9", "f'{x}'", "(y := 3)",
+    "__import__('os').system('true')",
+    "(lambda: 1)()",
+    "[x for x in x]",
+    "x.real",
+    "x[0]",
+    "'a' * 9",
+    "f'{x}'",
+    "(y := 3)",
     "x if x else x",
-    "1e999", "x and x", "x < 1", "exec(x)", "abs(x, x)", "abs(x=1)", "abs(*x)", "not x", "~x", "True", "None", "1j", "x @ x", "x // 2",
-    "(" * 150 + "x" + ")" * 150 + "+", "+".join("x" * 1500), "-" * 3000 + "x", "x" * 5000, "", "9" * 400, "await x", "x\n; x", "...",
-]  # fmt: skip
+    "1e999",
+    "x and x",
+    "x < 1",
+    "exec(x)",
+    "abs(x, x)",
+    "abs(x=1)",
+    "abs(*x)",
+    "not x",
+    "~x",
+    "True",
+    "None",
+    "1j",
+    "x @ x",
+    "x // 2",
+    "(" * 150 + "x" + ")" * 150 + "+",
+    "+".join("x" * 1500),
+    "-" * 3000 + "x",
+    "x" * 5000,
+    "",
+    "9" * 400,
+    "await x",
+    "x\n; x",
+    "...",
+]
 
 
 @pytest.mark.parametrize("text", HOSTILE)

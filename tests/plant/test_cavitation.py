@@ -86,16 +86,25 @@ def drawn(rng):
     area = max(mass * 9.8 / (held * supply), 1.2e-4)
     force = area * supply
     changes = {
-        "load.moving_mass_kg": mass, "cylinder.piston_diameter_m": np.sqrt(4 * area / np.pi),
-        "cylinder.rod_diameter_m": np.sqrt(4 * area * (1 - ratio) / np.pi), "cylinder.stroke_m": stroke,
+        "load.moving_mass_kg": mass,
+        "cylinder.piston_diameter_m": np.sqrt(4 * area / np.pi),
+        "cylinder.rod_diameter_m": np.sqrt(4 * area * (1 - ratio) / np.pi),
+        "cylinder.stroke_m": stroke,
         "cylinder.pipeline_volume_m3": rng.uniform(0.05, 0.3) * area * stroke,
-        "cylinder.rod_side_volume_m3": rng.uniform(0.05, 0.3) * area * stroke, "supply.pressure_Pa": supply,
-        "valve.spool_diameter_m": None, "valve.rated_flow_m3_s": 2 * speed * area, "valve.rated_pressure_drop_Pa": supply / 4,
-        "valve.overlap_m": rng.uniform(-2e-5, 2e-5), "valve.spool_frequency_Hz": rng.choice([0.0, 40.0, 100.0, 200.0]),
-        "friction.viscous_extend_N_s_m": 0.02 * force / speed, "friction.viscous_retract_N_s_m": 0.015 * force / speed,
-        "friction.coulomb_extend_N": 0.02 * force, "friction.coulomb_retract_N": 0.02 * force,
-        "friction.static_extend_N": 0.01 * force, "friction.static_retract_N": 0.01 * force,
-    }  # fmt: skip
+        "cylinder.rod_side_volume_m3": rng.uniform(0.05, 0.3) * area * stroke,
+        "supply.pressure_Pa": supply,
+        "valve.spool_diameter_m": None,
+        "valve.rated_flow_m3_s": 2 * speed * area,
+        "valve.rated_pressure_drop_Pa": supply / 4,
+        "valve.overlap_m": rng.uniform(-2e-5, 2e-5),
+        "valve.spool_frequency_Hz": rng.choice([0.0, 40.0, 100.0, 200.0]),
+        "friction.viscous_extend_N_s_m": 0.02 * force / speed,
+        "friction.viscous_retract_N_s_m": 0.015 * force / speed,
+        "friction.coulomb_extend_N": 0.02 * force,
+        "friction.coulomb_retract_N": 0.02 * force,
+        "friction.static_extend_N": 0.01 * force,
+        "friction.static_retract_N": 0.01 * force,
+    }
     if four_way:
         changes |= {"valve.kind": "four_way", "cylinder.rod_side": "valve", "supply.tank_pressure_Pa": 2e5}
     return changes, min(0.2, 0.15 * stroke / speed)

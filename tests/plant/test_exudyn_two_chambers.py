@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P
-from hexsim.machine import load_machine
+from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 
@@ -16,10 +15,14 @@ exudyn = pytest.importorskip("exudyn")
 STEP_S, TICK_S, TICKS = 1.0e-4, 1.0e-3, 400
 VISCOUS = 900.0  # [N s/m]; Exudyn's element has no other friction, no edges with lap, no leakage, and a spool at once
 COMMON = {f"friction.{kind}_{way}": 0.0 for kind in ("coulomb", "static") for way in ("extend_N", "retract_N")} | {
-    "friction.viscous_extend_N_s_m": VISCOUS, "friction.viscous_retract_N_s_m": VISCOUS,
-    "cylinder.piston_leakage_m3_s_Pa": 0.0, "cylinder.through_rod": False, "valve.edge_rounding_m": 0.0,
-    "valve.spool_frequency_Hz": 0.0, "valve.pressure_width_Pa": 1.0,
-}  # fmt: skip
+    "friction.viscous_extend_N_s_m": VISCOUS,
+    "friction.viscous_retract_N_s_m": VISCOUS,
+    "cylinder.piston_leakage_m3_s_Pa": 0.0,
+    "cylinder.through_rod": False,
+    "valve.edge_rounding_m": 0.0,
+    "valve.spool_frequency_Hz": 0.0,
+    "valve.pressure_width_Pa": 1.0,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,18 +81,30 @@ def in_exudyn(machine: Machine, start: Start, volts: np.ndarray) -> np.ndarray:
     )
     actuator = system.AddObject(
         items.ObjectConnectorHydraulicActuatorSimple(
-            markerNumbers=ends, nodeNumbers=[oil], offsetLength=offset, strokeLength=cylinder.stroke_m,
-            chamberCrossSection0=cylinder.area_bottom_m2, chamberCrossSection1=cylinder.area_top_m2,
-            hoseVolume0=cylinder.pipeline_volume_m3, hoseVolume1=cylinder.rod_side_volume_m3,
-            useChamberVolumeChange=True, oilBulkModulus=machine.oil.bulk_modulus_Pa, actuatorDamping=VISCOUS,
+            markerNumbers=ends,
+            nodeNumbers=[oil],
+            offsetLength=offset,
+            strokeLength=cylinder.stroke_m,
+            chamberCrossSection0=cylinder.area_bottom_m2,
+            chamberCrossSection1=cylinder.area_top_m2,
+            hoseVolume0=cylinder.pipeline_volume_m3,
+            hoseVolume1=cylinder.rod_side_volume_m3,
+            useChamberVolumeChange=True,
+            oilBulkModulus=machine.oil.bulk_modulus_Pa,
+            actuatorDamping=VISCOUS,
             nominalFlow=valve.rated_flow_m3_s / math.sqrt(valve.rated_pressure_drop_Pa),
-            systemPressure=supply.pressure_Pa, tankPressure=supply.tank_pressure_Pa,
+            systemPressure=supply.pressure_Pa,
+            tankPressure=supply.tank_pressure_Pa,
         )
-    )  # fmt: skip
+    )
     velocity = system.AddSensor(
-        items.SensorNode(nodeNumber=node, outputVariableType=exudyn.OutputVariableType.Velocity, storeInternal=True,
-                         writeToFile=False)
-    )  # fmt: skip
+        items.SensorNode(
+            nodeNumber=node,
+            outputVariableType=exudyn.OutputVariableType.Velocity,
+            storeInternal=True,
+            writeToFile=False,
+        )
+    )
     system.Assemble()
 
     openings = iter(np.repeat(volts, round(TICK_S / STEP_S)) / valve.voltage_max_V)  # one a step

@@ -39,8 +39,14 @@ def test_every_element_of_the_scene_is_named(name, scene):
     """No body, joint, geom, site, actuator, equality, material, light, camera or key without a name."""
     model = mujoco.MjModel.from_xml_path(str(models_folder() / name / scene))
     for kind in ("body", "joint", "geom", "site", "actuator", "equality", "material", "light", "camera", "key"):
-        count = {"joint": model.njnt, "actuator": model.nu, "equality": model.neq, "material": model.nmat,
-                 "light": model.nlight, "camera": model.ncam}.get(kind, getattr(model, f"n{kind}", 0))  # fmt: skip
+        count = {
+            "joint": model.njnt,
+            "actuator": model.nu,
+            "equality": model.neq,
+            "material": model.nmat,
+            "light": model.nlight,
+            "camera": model.ncam,
+        }.get(kind, getattr(model, f"n{kind}", 0))
         code = mujoco.mjtObj.__members__[f"mjOBJ_{kind.upper()}"]
         nameless = [i for i in range(count) if not mujoco.mj_id2name(model, code, i)]
         assert nameless == [], kind
@@ -118,8 +124,19 @@ def test_machines_stand_and_move_in_mujoco_alone(tmp_path):
         if path.endswith("scene.xml"):
             rows, valve = declared_rows(machine), machine.valve
             plant = Plant(machine, model="tendon")
-            flows = [leg.inflow(rows[0], 0.0, 0.0, 0.0, valve.spool_travel_max_m * way, plant.bottom_pressures()[0],
-                                machine.supply.pressure_Pa, 0.0) for way in (1.0, -1.0)]  # fmt: skip
+            flows = [
+                leg.inflow(
+                    rows[0],
+                    0.0,
+                    0.0,
+                    0.0,
+                    valve.spool_travel_max_m * way,
+                    plant.bottom_pressures()[0],
+                    machine.supply.pressure_Pa,
+                    0.0,
+                )
+                for way in (1.0, -1.0)
+            ]
             target = 0.1 / valve.voltage_max_V * (flows[0] - flows[1]) / 2 / machine.cylinder.area_bottom_m2
         assert places == pytest.approx([target] * len(places), abs=1e-4), path
 

@@ -302,9 +302,11 @@ def test_stand_ins_of_the_supply_run_in_the_plant(effect, parameters, resistance
 def test_oil_beyond_any_oil_ends_the_run_with_a_sentence():
     """A controller gain of 1e6 V/m and valves of half a metre heat 0.01 l of oil past any temperature: no traceback."""
     wild = {
-        "controller.gain_V_per_m": 1e6, "valve.spool_diameter_m": 0.5, "sensors.position_gain": 0.01,
+        "controller.gain_V_per_m": 1e6,
+        "valve.spool_diameter_m": 0.5,
+        "sensors.position_gain": 0.01,
         "power_unit.reservoir_volume_m3": 1e-5,
-    }  # fmt: skip
+    }
     machine = changed(load_machine("micro_motion_system/power_unit"), wild)
     run = simulate(machine, load_scenario("heave", duration_s=0.5), fast=True)
     assert not run.complete and "degC" in run.reason

@@ -73,10 +73,12 @@ def test_what_leaks_past_the_piston_comes_from_the_rod_side(volts, worn):
     machine = changed(
         load_machine("bench"),
         {
-            **CHAMBER, "cylinder.rod_side_conductance_m3_s_sqrtPa": 3e-8, "cylinder.piston_leakage_m3_s_Pa": leak,
+            **CHAMBER,
+            "cylinder.rod_side_conductance_m3_s_sqrtPa": 3e-8,
+            "cylinder.piston_leakage_m3_s_Pa": leak,
             "effects": worn,
         },
-    )  # fmt: skip
+    )
     plant = Plant(machine)
     plant.prepare(1e3, 120)
     for _ in range(120):

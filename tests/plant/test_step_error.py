@@ -12,16 +12,28 @@ from hexsim.smoothness import band_limit
 
 QUIET = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0}
 UNDERLAP = {
-    "supply.pressure_Pa": 160e5, "cylinder.piston_diameter_m": 0.0158, "cylinder.rod_diameter_m": 0.0119,
-    "load.platform_mass_kg": 85.7, "valve.overlap_m": -8.5e-6, "valve.spool_frequency_Hz": 36.0,
+    "supply.pressure_Pa": 160e5,
+    "cylinder.piston_diameter_m": 0.0158,
+    "cylinder.rod_diameter_m": 0.0119,
+    "load.platform_mass_kg": 85.7,
+    "valve.overlap_m": -8.5e-6,
+    "valve.spool_frequency_Hz": 36.0,
     "cylinder.pipeline_volume_m3": 8.2e-6,
-}  # fmt: skip
+}
 HEAVY = {
-    "supply.pressure_Pa": 62e5, "cylinder.stroke_m": 0.116, "cylinder.piston_diameter_m": 0.176,
-    "cylinder.rod_diameter_m": 0.132, "load.moving_mass_kg": 5741.0, "valve.spool_frequency_Hz": 126.0,
-    "valve.overlap_m": 2.7e-5, "cylinder.pipeline_volume_m3": 2e-3, "friction.coulomb_extend_N": 2711.0,
-    "friction.coulomb_retract_N": 2711.0, "friction.static_extend_N": 3566.0, "friction.static_retract_N": 3282.0,
-}  # fmt: skip
+    "supply.pressure_Pa": 62e5,
+    "cylinder.stroke_m": 0.116,
+    "cylinder.piston_diameter_m": 0.176,
+    "cylinder.rod_diameter_m": 0.132,
+    "load.moving_mass_kg": 5741.0,
+    "valve.spool_frequency_Hz": 126.0,
+    "valve.overlap_m": 2.7e-5,
+    "cylinder.pipeline_volume_m3": 2e-3,
+    "friction.coulomb_extend_N": 2711.0,
+    "friction.coulomb_retract_N": 2711.0,
+    "friction.static_extend_N": 3566.0,
+    "friction.static_retract_N": 3282.0,
+}
 OFF = [{"kind": "power_loss", "time_s": 0.6}]
 
 

@@ -8,10 +8,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.declaration import Machine
 from hexsim.hydraulics import ports
 from hexsim.hydraulics.parameters import P
-from hexsim.machine import load_machine
+from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 from hexsim.plant.readout import leg_signals
@@ -22,9 +21,12 @@ from hexsim.simulation import simulate
 MEASURED = Path(__file__).parents[3] / "shared" / "measured" / "servo_none"
 VISCOUS = 3000.0  # [N s/m] so that the oil's spring has come to rest after 2 s
 SMOOTH = {f"friction.{kind}_{way}": 0.0 for kind in ("coulomb", "static") for way in ("extend_N", "retract_N")} | {
-    "friction.viscous_extend_N_s_m": VISCOUS, "friction.viscous_retract_N_s_m": VISCOUS,
-    "cylinder.piston_leakage_m3_s_Pa": 0.0, "valve.edge_rounding_m": 0.0, "valve.overlap_m": 5e-6,
-}  # fmt: skip
+    "friction.viscous_extend_N_s_m": VISCOUS,
+    "friction.viscous_retract_N_s_m": VISCOUS,
+    "cylinder.piston_leakage_m3_s_Pa": 0.0,
+    "valve.edge_rounding_m": 0.0,
+    "valve.overlap_m": 5e-6,
+}
 FORMS = {"symmetric": {}, "differential": {"cylinder.through_rod": False}}
 
 
@@ -170,13 +172,20 @@ def test_a_measured_set_is_answered_to_its_noise():
     """
     true = json.loads((MEASURED / "truth.json").read_text())["parameters"]
     keys = {
-        "supply.pressure_Pa": "supply_pressure", "valve.rated_flow_m3_s": "rated_flow",
-        "oil.bulk_modulus_Pa": "bulk_modulus", "load.moving_mass_kg": "moving_mass",
+        "supply.pressure_Pa": "supply_pressure",
+        "valve.rated_flow_m3_s": "rated_flow",
+        "oil.bulk_modulus_Pa": "bulk_modulus",
+        "load.moving_mass_kg": "moving_mass",
         "valve.spool_frequency_Hz": "spool_frequency",
-        **{f"friction.{kind}_{way}": f"{kind.split('_')[0]}_{sign}" for kind in ("viscous", "coulomb", "static")
-           for way, sign in ((f"extend_N{'_s_m' * (kind == 'viscous')}", "pos"),
-                             (f"retract_N{'_s_m' * (kind == 'viscous')}", "neg"))},
-    }  # fmt: skip
+        **{
+            f"friction.{kind}_{way}": f"{kind.split('_')[0]}_{sign}"
+            for kind in ("viscous", "coulomb", "static")
+            for way, sign in (
+                (f"extend_N{'_s_m' * (kind == 'viscous')}", "pos"),
+                (f"retract_N{'_s_m' * (kind == 'viscous')}", "neg"),
+            )
+        },
+    }
     machine = changed(load_machine(MEASURED / "machine.toml"), {key: true[name] for key, name in keys.items()})
     plant, log = Plant(machine), pl.read_csv(MEASURED / "validate.csv.gz")
     row, top = plant.rows[0], true["supply_pressure"] / 2

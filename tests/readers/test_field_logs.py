@@ -68,22 +68,31 @@ QUOTED = ['start, "slow"' if k % 7 == 0 else "two\nlines" if k % 7 == 1 else "" 
 HEAD = "Time,Ref,Pos,U,p1"
 TEXTS = {
     "preamble and a row of units": (
-        "Operator\tA. Nobody\nRig\tcylinder 3\n\n" + HEAD.replace(",", "\t") + "\ns\tmm\tmm\tV\tbar\n" + "\n".join(rows(separator="\t")),
+        "Operator\tA. Nobody\nRig\tcylinder 3\n\n"
+        + HEAD.replace(",", "\t")
+        + "\ns\tmm\tmm\tV\tbar\n"
+        + "\n".join(rows(separator="\t")),
         mapping(units=False),
     ),
     "sep=; and decimal commas": (
-        "sep=;\n" + HEAD.replace(",", ";") + "\n" + "\n".join(rows([f"{t:.3f}".replace(".", ",") for t in T], ";", ",")),
+        "sep=;\n"
+        + HEAD.replace(",", ";")
+        + "\n"
+        + "\n".join(rows([f"{t:.3f}".replace(".", ",") for t in T], ";", ",")),
         mapping(),
     ),
     "quotes with commas, quotes and line ends": (HEAD + ",Note\n" + "\n".join(rows(note=QUOTED)), mapping()),
     "units in brackets of the header": (
         "Time [s],Ref [mm],Pos (mm),U [V],p1 [bar]\n" + "\n".join(rows()),
-        mapping("Time [s]", units=False, names={"Ref": "Ref [mm]", "Pos": "Pos (mm)", "U": "U [V]", "p1": "p1 [bar]"}.get),
+        mapping(
+            "Time [s]", units=False, names={"Ref": "Ref [mm]", "Pos": "Pos (mm)", "U": "U [V]", "p1": "p1 [bar]"}.get
+        ),
     ),
     "dates over midnight": (HEAD + "\n" + "\n".join(rows([x.replace("T", " ") for x in WALL])), mapping()),
     "ISO 8601 with a zone": (HEAD + "\n" + "\n".join(rows([x + "Z" for x in WALL])), mapping()),
     "German dates": (
-        HEAD.replace(",", ";") + "\n"
+        HEAD.replace(",", ";")
+        + "\n"
         + "\n".join(rows([f"{x[8:10]}.{x[5:7]}.{x[:4]} {x[11:]}".replace(".", ".") for x in WALL], ";", ",")),
         mapping(),
     ),
@@ -97,13 +106,15 @@ TEXTS = {
         mapping(more='unit = "us"\n'),
     ),
     "counter of 16 bits in ms": (
-        HEAD + "\n" + "\n".join(rows([int(x) for x in (np.round(1e3 * T) + 65000) % 2**16])), mapping(more='unit = "ms"\n'),
+        HEAD + "\n" + "\n".join(rows([int(x) for x in (np.round(1e3 * T) + 65000) % 2**16])),
+        mapping(more='unit = "ms"\n'),
     ),
     "newest row first": (HEAD + "\n" + "\n".join(rows()[::-1]), mapping()),
     "a row twice and two rows swapped": (
-        HEAD + "\n" + "\n".join([*rows()[:300], rows()[299], rows()[301], rows()[300], *rows()[302:]]), mapping(),
+        HEAD + "\n" + "\n".join([*rows()[:300], rows()[299], rows()[301], rows()[300], *rows()[302:]]),
+        mapping(),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", TEXTS)

@@ -14,7 +14,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.readers import files, formats, read_log
-from hexsim.setpoints.signal_file import read_setpoint_file
+from hexsim.readers.formats import text
+from hexsim.setpoints.signals import read_setpoint_file
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 ARROW = '''"""Arrow's own files."""
@@ -185,7 +186,7 @@ def test_inflated_pieces_are_bounded(tmp_path):
 
 def test_more_text_than_is_read_is_said(table, tmp_path, monkeypatch):
     """Beyond the largest text only the whole rows before it are used."""
-    monkeypatch.setattr("hexsim.readers.formats.text.LARGEST", 50_000)
+    monkeypatch.setitem(text.file_bytes.__kwdefaults__, "most_bytes", 50_000)
     monkeypatch.setattr("hexsim.readers.formats.text.CHUNK", 10_000)
     table.write_csv(tmp_path / "log.csv")
     log = read_log(tmp_path / "log.csv")

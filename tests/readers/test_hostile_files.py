@@ -156,8 +156,16 @@ def constant_parquet(folder: Path) -> Path:
 
 
 HOSTILE = [
-    view_without_end, column_without_end, mat_struct, mat_cell, mat_hdf5, mcap_chunk, gzip_line, wide_text, constant_parquet,
-]  # fmt: skip
+    view_without_end,
+    column_without_end,
+    mat_struct,
+    mat_cell,
+    mat_hdf5,
+    mcap_chunk,
+    gzip_line,
+    wide_text,
+    constant_parquet,
+]
 
 
 @pytest.mark.slow

@@ -58,13 +58,26 @@ def write(path: Path, columns: dict[str, np.ndarray]) -> Path:
     elif path.suffix == ".uff":
         sets = [
             {
-                "type": 58, "func_type": 1, "data": values, "x": time, "binary": 0, "id1": name, "ord_data_type": 4,
-                "abscissa_spacing": 1, "rsp_node": 1, "rsp_dir": 1, "ref_node": 1, "ref_dir": 1,
-                "abscissa_spec_data_type": 17, "ordinate_spec_data_type": 0, "orddenom_spec_data_type": 0,
+                "type": 58,
+                "func_type": 1,
+                "data": values,
+                "x": time,
+                "binary": 0,
+                "id1": name,
+                "ord_data_type": 4,
+                "abscissa_spacing": 1,
+                "rsp_node": 1,
+                "rsp_dir": 1,
+                "ref_node": 1,
+                "ref_dir": 1,
+                "abscissa_spec_data_type": 17,
+                "ordinate_spec_data_type": 0,
+                "orddenom_spec_data_type": 0,
                 "z_axis_spec_data_type": 0,
             }
-            for name, values in columns.items() if name != "time_s"
-        ]  # fmt: skip
+            for name, values in columns.items()
+            if name != "time_s"
+        ]
         pyuff.UFF(str(path)).write_sets(sets, "overwrite")
     return path
 
@@ -91,14 +104,19 @@ def test_channels_with_clocks_of_their_own(columns, tmp_path):
     begin = np.datetime64("2026-01-02T03:04:05.000000")
     with TdmsWriter(tmp_path / "wave.tdms") as file:
         file.write_segment(
-            [ChannelObject("a", n, v, properties={"wf_increment": 1e-3, "wf_start_time": begin}) for n, v in fast.items()]
+            [
+                ChannelObject("a", n, v, properties={"wf_increment": 1e-3, "wf_start_time": begin})
+                for n, v in fast.items()
+            ]
             + [
                 ChannelObject(
-                    "b", "pressure_bottom_Pa", pressure[2:],
+                    "b",
+                    "pressure_bottom_Pa",
+                    pressure[2:],
                     properties={"wf_increment": 2e-3, "wf_start_time": begin + np.timedelta64(4, "ms")},
                 )
             ]
-        )  # fmt: skip
+        )
     with h5py.File(tmp_path / "groups.h5", "w") as file:
         file["a/t"], file["b/t_ms"] = time, 1e3 * time[slow]
         file["b/pressure_bottom"] = 1e-5 * pressure
@@ -327,9 +345,13 @@ def test_results_of_modelica_tools_by_name(tmp_path):
     info = np.array([[0, 1, 0, -1], [2, 2, 0, -1], [2, 3, 0, -1], [2, -3, 0, -1], [1, 2, 0, 0]], dtype=np.int32).T
     kinds = np.array(["Atrajectory", "1.1        ", "           ", "binTrans   "])
     tables = {
-        "Aclass": kinds, "name": letters, "description": letters, "dataInfo": info,
-        "data_1": np.array([[0.0, 2.0], [40.0, 40.0]]), "data_2": np.array([time, position, pressure]),
-    }  # fmt: skip
+        "Aclass": kinds,
+        "name": letters,
+        "description": letters,
+        "dataInfo": info,
+        "data_1": np.array([[0.0, 2.0], [40.0, 40.0]]),
+        "data_2": np.array([time, position, pressure]),
+    }
     scipy.io.savemat(tmp_path / "run.mat", tables, format="4")
     signals = {"position_m": {"from": "cylinder.s"}, "pressure_bottom_Pa": {"from": "volume.p"}}
     log = read_log(tmp_path / "run.mat", Mapping.model_validate({"kind": "bench", "columns": signals}))
@@ -346,9 +368,15 @@ def test_twincat_scope_has_a_time_for_each_channel(tmp_path):
     time = np.arange(3000) * 1e-3
     position, pressure = 100.0 + 30.0 * np.sin(4.0 * time), 34.0 + np.cos(4.0 * time)
     lines = [
-        "Name\tScope", "File\tC:\\a.svdx", "", "Name\tPos\tName\tPressure", "Data-Type\tREAL64\tData-Type\tREAL64",
-        "SampleTime[ms]\t1\tSampleTime[ms]\t2", "SymbolName\tMAIN.Pos\tSymbolName\tMAIN.p", "VariableSize\t8\tVariableSize\t8",
-    ]  # fmt: skip
+        "Name\tScope",
+        "File\tC:\\a.svdx",
+        "",
+        "Name\tPos\tName\tPressure",
+        "Data-Type\tREAL64\tData-Type\tREAL64",
+        "SampleTime[ms]\t1\tSampleTime[ms]\t2",
+        "SymbolName\tMAIN.Pos\tSymbolName\tMAIN.p",
+        "VariableSize\t8\tVariableSize\t8",
+    ]
     for k in range(3000):
         slow = f"\t{2 * k}\t{pressure[2 * k]:.6f}" if 2 * k < 3000 else "\t\t"
         lines.append(f"{k}\t{position[k]:.6f}{slow}")

@@ -17,26 +17,42 @@ from hexsim.simulation import simulate
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 STYLES = {  # column of the format: (name, factor to the file's unit)
     "german": {
-        "time_s": ("Zeit [ms]", 1e3), "setpoint_m": ("Sollweg [mm]", 1e3), "position_m": ("Istweg [mm]", 1e3),
-        "valve_V": ("Ventil [V]", 1.0), "pressure_bottom_Pa": ("Druck A [bar]", 1e-5),
-        "pressure_supply_Pa": ("Druck P System [bar]", 1e-5), "acceleration_m_s2": ("Beschleunigung [g]", 1 / 9.80665),
+        "time_s": ("Zeit [ms]", 1e3),
+        "setpoint_m": ("Sollweg [mm]", 1e3),
+        "position_m": ("Istweg [mm]", 1e3),
+        "valve_V": ("Ventil [V]", 1.0),
+        "pressure_bottom_Pa": ("Druck A [bar]", 1e-5),
+        "pressure_supply_Pa": ("Druck P System [bar]", 1e-5),
+        "acceleration_m_s2": ("Beschleunigung [g]", 1 / 9.80665),
     },
     "plc": {
-        "time_s": ("timestamp_us", 1e6), "setpoint_m": ("MAIN.fbAxis.fTargetPosition", 1e3),
-        "position_m": ("MAIN.fbAxis.fActualPosition", 1e3), "valve_V": ("MAIN.fbValve.fOutput", 1.0),
-        "pressure_bottom_Pa": ("GVL.fPressureA", 1e-5), "pressure_supply_Pa": ("GVL.fPressureSupply", 1e-5),
+        "time_s": ("timestamp_us", 1e6),
+        "setpoint_m": ("MAIN.fbAxis.fTargetPosition", 1e3),
+        "position_m": ("MAIN.fbAxis.fActualPosition", 1e3),
+        "valve_V": ("MAIN.fbValve.fOutput", 1.0),
+        "pressure_bottom_Pa": ("GVL.fPressureA", 1e-5),
+        "pressure_supply_Pa": ("GVL.fPressureSupply", 1e-5),
         "acceleration_m_s2": ("GVL.fAccelZ", 1.0),
     },
     "psi": {
-        "time_s": ("t", 1.0), "setpoint_m": ("cmd_in", 1 / 0.0254), "position_m": ("lvdt_in", 1 / 0.0254),
-        "valve_V": ("servo_V", 1.0), "pressure_bottom_Pa": ("bore_psi", 1 / 6894.757),
-        "pressure_supply_Pa": ("supply_psi", 1 / 6894.757), "acceleration_m_s2": ("accel_m_s2", 1.0),
+        "time_s": ("t", 1.0),
+        "setpoint_m": ("cmd_in", 1 / 0.0254),
+        "position_m": ("lvdt_in", 1 / 0.0254),
+        "valve_V": ("servo_V", 1.0),
+        "pressure_bottom_Pa": ("bore_psi", 1 / 6894.757),
+        "pressure_supply_Pa": ("supply_psi", 1 / 6894.757),
+        "acceleration_m_s2": ("accel_m_s2", 1.0),
     },
     "nameless": {
-        "time_s": ("ch0", 1.0), "position_m": ("ch1", 1.0), "setpoint_m": ("ch2", 1.0), "valve_V": ("ch3", 1.0),
-        "pressure_supply_Pa": ("ch4", 1.0), "pressure_bottom_Pa": ("ch5", 1.0), "acceleration_m_s2": ("ch6", 1.0),
+        "time_s": ("ch0", 1.0),
+        "position_m": ("ch1", 1.0),
+        "setpoint_m": ("ch2", 1.0),
+        "valve_V": ("ch3", 1.0),
+        "pressure_supply_Pa": ("ch4", 1.0),
+        "pressure_bottom_Pa": ("ch5", 1.0),
+        "acceleration_m_s2": ("ch6", 1.0),
     },
-}  # fmt: skip
+}
 
 
 def run(*arguments):
@@ -70,9 +86,11 @@ def test_six_legs_are_twelve_lines_at_most(tmp_path):
     renamed = {"time_s": log["time_s"]}
     for leg in range(6):
         renamed |= {
-            f"soll[{leg}]": 1e3 * log[f"setpoint_{leg + 1}_m"], f"ist[{leg}]": 1e3 * log[f"position_{leg + 1}_m"],
-            f"u[{leg}]": log[f"valve_{leg + 1}_V"], f"p[{leg}]": 1e-5 * log[f"pressure_bottom_{leg + 1}_Pa"],
-        }  # fmt: skip
+            f"soll[{leg}]": 1e3 * log[f"setpoint_{leg + 1}_m"],
+            f"ist[{leg}]": 1e3 * log[f"position_{leg + 1}_m"],
+            f"u[{leg}]": log[f"valve_{leg + 1}_V"],
+            f"p[{leg}]": 1e-5 * log[f"pressure_bottom_{leg + 1}_Pa"],
+        }
     renamed |= {"p supply": 1e-5 * log["pressure_supply_Pa"]}
     renamed |= {f"acc {axis}": log[f"acceleration_{axis}_m_s2"] for axis in "xyz"}
     pl.DataFrame(renamed).write_csv(tmp_path / "rig.csv")

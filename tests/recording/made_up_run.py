@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 
-from hexsim.declaration import Machine
-from hexsim.machine import machine_from_dict
+from hexsim.machine import Machine, machine_from_dict
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.scenarios import load_scenario
 from hexsim.signals.log import Log
@@ -133,24 +132,46 @@ def made_up_run(hexapod: bool = True, duration_s: float = 6.0, complete: bool = 
     machine = made_up_machine(hexapod)
     axis = "z" if hexapod else "leg"
     figures = {
-        "fundamental_m_s2": 0.49, "peak_raw_m_s2": 0.6, "peak_band_m_s2": 0.5, "noise_rms_m_s2": 0.05,
-        "ratio_n": 0.14, "ratio_lf": 0.01, "ratio_hf": 0.1, "bump_pp_m_s2": 0.9,
-    }  # fmt: skip
+        "fundamental_m_s2": 0.49,
+        "peak_raw_m_s2": 0.6,
+        "peak_band_m_s2": 0.5,
+        "noise_rms_m_s2": 0.05,
+        "ratio_n": 0.14,
+        "ratio_lf": 0.01,
+        "ratio_hf": 0.1,
+        "bump_pp_m_s2": 0.9,
+    }
     axes = {axis: figures}
     if hexapod:
         axes = {name: _scaled(figures, name) for name in HEXAPOD_AXES}
     scenario = load_scenario("heave", duration_s=duration_s)
     summary = {
-        "scenario": "heave", "machine": machine.name, "compensator": "none",
-        "duration_s": duration_s, "bandwidth_Hz": 50.0,
-        "axes": axes, "tracking_rms_m": [1.0e-3] * machine.n_legs, "realtime_factor": 5.0, "warnings": [],
-    }  # fmt: skip
+        "scenario": "heave",
+        "machine": machine.name,
+        "compensator": "none",
+        "duration_s": duration_s,
+        "bandwidth_Hz": 50.0,
+        "axes": axes,
+        "tracking_rms_m": [1.0e-3] * machine.n_legs,
+        "realtime_factor": 5.0,
+        "warnings": [],
+    }
     run = SimpleNamespace(
-        log=made_up_log(machine, duration_s), machine=machine, scenario=scenario, compensator="none", seed=0,
-        model="full", timestep=None, summary=summary, warnings=[], messages=[(1.0, 1, "a message")], complete=complete,
-        reason="" if complete else "interrupted at 3.0 s", realtime_factor=5.0,
+        log=made_up_log(machine, duration_s),
+        machine=machine,
+        scenario=scenario,
+        compensator="none",
+        seed=0,
+        model="full",
+        timestep=None,
+        summary=summary,
+        warnings=[],
+        messages=[(1.0, 1, "a message")],
+        complete=complete,
+        reason="" if complete else "interrupted at 3.0 s",
+        realtime_factor=5.0,
         compensator_parameters=[{}] * machine.n_legs,
-    )  # fmt: skip
+    )
     for name, value in changes.items():
         setattr(run, name, value)
     return run

@@ -58,7 +58,10 @@ def test_a_figure_drawn_once_is_that_of_savefig(monkeypatch):
         with matplotlib.rc_context(STYLE):
             figure.savefig(usual, format="png", dpi=60)
         usual.seek(0)
-        assert np.array_equal(read_png(io.BytesIO(drawn[name])), read_png(usual)), name
+        opaque = read_png(usual)
+        assert np.all(opaque[..., 3] == 1.0) and np.array_equal(read_png(io.BytesIO(drawn[name])), opaque[..., :3]), (
+            name
+        )
 
 
 def test_the_deviation_is_the_bump_that_was_drawn():
@@ -145,9 +148,19 @@ def test_the_report_shows_the_summary_and_escapes_names():
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.87965, "0.880"), (11.742, "11.7"), (1234.5, "1234"), (0.000123, "0.000123"), (1.2e-7, "1.20e-07"), (0.0, "0"),
-     (None, "–"), (float("nan"), "–"), (-0.5, "-0.500"), (0.99996, "1.00")],
-)  # fmt: skip
+    [
+        (0.87965, "0.880"),
+        (11.742, "11.7"),
+        (1234.5, "1234"),
+        (0.000123, "0.000123"),
+        (1.2e-7, "1.20e-07"),
+        (0.0, "0"),
+        (None, "–"),
+        (float("nan"), "–"),
+        (-0.5, "-0.500"),
+        (0.99996, "1.00"),
+    ],
+)
 def test_numbers_keep_three_significant_places(value, text):
     """Figures are rounded to what is meant, small ones stay readable, missing ones are a dash."""
     assert number(value) == text

@@ -112,8 +112,10 @@ def test_a_run_folder_becomes_the_same_file(run, path, tmp_path):
     assert export(other, "-o", tmp_path / "b.mcap").exit_code == 0
     found, config = topics(tmp_path / "b.mcap")
     assert [row for _, row in found["/measured"]] == [
-        {"position_m": 0.1, "oil_level_m": 1.0}, {"position_m": None, "oil_level_m": 2.0}, {"position_m": 0.3, "oil_level_m": 3.0},
-    ]  # fmt: skip
+        {"position_m": 0.1, "oil_level_m": 1.0},
+        {"position_m": None, "oil_level_m": 2.0},
+        {"position_m": 0.3, "oil_level_m": 3.0},
+    ]
     assert [stamp for stamp, _ in found["/measured"]] == [0, 1_000_000, 2_000_000] and config == {}
 
     (tmp_path / "text.csv").write_text("a,b\n1,2\n")

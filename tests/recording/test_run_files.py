@@ -58,9 +58,16 @@ def test_the_configuration_repeats_the_run(tmp_path):
     assert machine_from_dict(config["machine"]) == run.machine
     assert scenario_from_dict(config["scenario"]) == run.scenario
     assert config["run"] == {
-        "scenario": "heave", "machine": "made_up_hexapod", "compensator": "none", "seed": 0, "model": "full",
-        "scheme": "rk4", "timestep_s": "chosen", "complete": True, "reason": "",
-    }  # fmt: skip
+        "scenario": "heave",
+        "machine": "made_up_hexapod",
+        "compensator": "none",
+        "seed": 0,
+        "model": "full",
+        "scheme": "rk4",
+        "timestep_s": "chosen",
+        "complete": True,
+        "reason": "",
+    }
     assert {"hexsim", "python", "mujoco", "numpy"} <= set(config["versions"])
 
 

@@ -105,9 +105,11 @@ def test_streams_of_noise():
 def test_one_tick_reads_as_the_whole_column():
     """Delay, lag, gain, noise and steps of a tick are those of the log's column."""
     changes = {
-        "sensors.position_delay_s": 0.0033, "sensors.position_gain": 1.1, "sensors.position_resolution_m": 1e-5,
+        "sensors.position_delay_s": 0.0033,
+        "sensors.position_gain": 1.1,
+        "sensors.position_resolution_m": 1e-5,
         "sensors.position_lag_s": 0.004,
-    }  # fmt: skip
+    }
     bank = SensorBank(resolve(changed(load_machine("bench"), changes)), 200, 1e-3, 1)
     true = 0.1 + 0.01 * np.sin(np.arange(200) / 20)[:, None]
     whole = bank.rows("position", true)

@@ -50,8 +50,14 @@ def test_what_is_ambiguous_or_unknown_is_refused(unit):
 
 def test_absolute_pressures_and_temperatures_have_an_offset():
     """1.01325 bar absolute is 0 bar gauge; 0 degC is 273.15 K and 32 degF."""
-    for spelling, reading, value in (("bar(a)", 1.01325, 0.0), ("psia", 1.01325e5 / PSI_Pa, 0.0), ("K", 273.15, 0.0),
-                                     ("°F", 32.0, 0.0), ("°C", 20.0, 20.0), ("℃", 20.0, 20.0)):  # fmt: skip
+    for spelling, reading, value in (
+        ("bar(a)", 1.01325, 0.0),
+        ("psia", 1.01325e5 / PSI_Pa, 0.0),
+        ("K", 273.15, 0.0),
+        ("°F", 32.0, 0.0),
+        ("°C", 20.0, 20.0),
+        ("℃", 20.0, 20.0),
+    ):
         factor, offset = unit_to_si(spelling, "here")
         assert factor * reading + offset == pytest.approx(value, abs=1e-9), spelling
 

@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from hexsim.cueing.protocols import xplane
+from hexsim.cueing.protocols import PROTOCOLS
 from hexsim.cueing.shaping import AXES, AxisShape, Shaping
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
@@ -95,7 +95,7 @@ class Ahead:
 @pytest.fixture(scope="module")
 def ahead():
     """A hexapod that X-Plane flies, ticked by hand, in normal."""
-    flight = Flight(load_machine("micro_motion_system"), Vehicle(decode=xplane, name="xplane"), port=0)
+    flight = Flight(load_machine("micro_motion_system"), Vehicle(decode=PROTOCOLS["xplane"], name="xplane"), port=0)
     driven = Ahead(flight)
     with contextlib.closing(driven.socket), contextlib.closing(flight.link):
         driven.fly(2.0)
@@ -157,14 +157,14 @@ def test_what_is_not_understood_is_said_in_words(ahead):
 def test_a_machine_without_platform_is_refused():
     """A bench has one leg: one sentence."""
     with pytest.raises(HexsimError, match="machine bench has no platform"):
-        Flight(load_machine("bench"), Vehicle(decode=xplane), port=0)
+        Flight(load_machine("bench"), Vehicle(decode=PROTOCOLS["xplane"]), port=0)
 
 
 @pytest.mark.slow
 def test_the_page_shows_the_flight_and_its_sliders_act():
     """In a browser: packets and state in words, digits of what is flown; a slider at its end takes the axis out. Nothing is
     asked of another computer."""
-    flight = Flight(load_machine("micro_motion_system"), Vehicle(decode=xplane, name="xplane"), port=0)
+    flight = Flight(load_machine("micro_motion_system"), Vehicle(decode=PROTOCOLS["xplane"], name="xplane"), port=0)
     page = FlightPage(flight, "micro_motion_system", "hexsim serve --from xplane", port=8795)
     running, done = threading.Thread(target=page.run), threading.Event()
 

@@ -58,9 +58,13 @@ async def connected(page: Page, path: str | None = None, origin: str | None = ""
     host = f"127.0.0.1:{page.server.get_port()}"
     where = f"ws://{host}/{page.gate.token}" if path is None else f"ws://{host}{path}"
     async with websockets.connect(
-        where, origin=f"http://{host}" if origin == "" else origin, additional_headers=headers or None,
-        subprotocols=[f"viser-v{viser.__version__}"], max_size=None, compression=None,
-    ) as made:  # fmt: skip
+        where,
+        origin=f"http://{host}" if origin == "" else origin,
+        additional_headers=headers or None,
+        subprotocols=[f"viser-v{viser.__version__}"],
+        max_size=None,
+        compression=None,
+    ) as made:
         yield made
 
 
@@ -164,10 +168,16 @@ def test_every_widget_holds_to_its_own_limits(page, capfd):
     bad = [change(page, name, value=value) for name in handles for value in bad_values(page, name)]
     for name in handles:
         bad += [
-            change(page, name, min=-1e9, max=1e9), change(page, name, options=["/tmp/x.so"]), change(page, name, label="x"),
-            change(page, name, visible=False), change(page, name, value=handles[name].value, max=1e9), change(page, name),
-            change(page, name, __class__=1), {**change(page, name, value=1.0), "updates": 5}, {**change(page, name), "uuid": 3},
-        ]  # fmt: skip
+            change(page, name, min=-1e9, max=1e9),
+            change(page, name, options=["/tmp/x.so"]),
+            change(page, name, label="x"),
+            change(page, name, visible=False),
+            change(page, name, value=handles[name].value, max=1e9),
+            change(page, name),
+            change(page, name, __class__=1),
+            {**change(page, name, value=1.0), "updates": 5},
+            {**change(page, name), "uuid": 3},
+        ]
     for first in range(0, len(bad), MOST_REFUSED - 1):
         asyncio.run(say(page, *bad[first : first + MOST_REFUSED - 1]))
     assert page.gate.refusals.total() == count + len(bad)

@@ -41,11 +41,18 @@ LASSO = {"alphas": 30, "max_iter": 3000, "tol": 1e-3}
 ATMOSPHERE_PA = 1.01325e5
 SAMPLING = 0.25  # samples at the instants of the controller's update read so much less of the acceleration (README.md)
 UNCERTAIN = {  # nuisance column: keys of [uncertainty]
-    "discharge": ("discharge_coefficient", "rated_flow_m3_s"), "modulus": ("bulk_modulus_Pa",), "mass": ("moving_mass_kg",),
-    "supply pressure": ("supply_pressure_Pa",), "viscous out": ("viscous_extend_N_s_m",), "viscous in": ("viscous_retract_N_s_m",),
-    "coulomb out": ("coulomb_extend_N",), "coulomb in": ("coulomb_retract_N",), "static out": ("static_extend_N",),
-    "static in": ("static_retract_N",), "sampling": ("sampling",),
-}  # fmt: skip
+    "discharge": ("discharge_coefficient", "rated_flow_m3_s"),
+    "modulus": ("bulk_modulus_Pa",),
+    "mass": ("moving_mass_kg",),
+    "supply pressure": ("supply_pressure_Pa",),
+    "viscous out": ("viscous_extend_N_s_m",),
+    "viscous in": ("viscous_retract_N_s_m",),
+    "coulomb out": ("coulomb_extend_N",),
+    "coulomb in": ("coulomb_retract_N",),
+    "static out": ("static_extend_N",),
+    "static in": ("static_retract_N",),
+    "sampling": ("sampling",),
+}
 Columns = dict[str, np.ndarray]
 
 
@@ -143,17 +150,27 @@ def continuity(log: Log) -> tuple[np.ndarray, Columns, Columns]:
     clearance -= (log.P - tank) * length / (length + np.maximum(lap + x, 0.0))
     nuisance = {"discharge": q, "modulus": -volume / oil["bulk_modulus_Pa"] * rate}
     effects = {
-        "leakage_supply_to_chamber": log.Ps - log.P, "leakage_chamber_to_tank": -(log.P - tank), "clearance_leakage": clearance,
+        "leakage_supply_to_chamber": log.Ps - log.P,
+        "leakage_chamber_to_tank": -(log.P - tank),
+        "clearance_leakage": clearance,
         "entrained_air": -volume * ATMOSPHERE_PA / (1.4 * absolute**2) * rate,
-        "hose_compliance": -rate, "dead_volume": -rate / oil["bulk_modulus_Pa"],
-        "overlap_change": (net(log, more_overlap=1e-6) - q) / 1e-6, "null_offset": -by_volt, "null_drift": -by_volt * log.t,
-        "unequal_ports": -out, "spool_lag": -by_volt * np.gradient(log.u, log.t),
-        "valve_delay": -by_volt * np.gradient(log.u, log.t), "valve_hysteresis": (net(log, u=play(log.u, 0.03)) - q) / 0.03,
+        "hose_compliance": -rate,
+        "dead_volume": -rate / oil["bulk_modulus_Pa"],
+        "overlap_change": (net(log, more_overlap=1e-6) - q) / 1e-6,
+        "null_offset": -by_volt,
+        "null_drift": -by_volt * log.t,
+        "unequal_ports": -out,
+        "spool_lag": -by_volt * np.gradient(log.u, log.t),
+        "valve_delay": -by_volt * np.gradient(log.u, log.t),
+        "valve_hysteresis": (net(log, u=play(log.u, 0.03)) - q) / 0.03,
         "return_line_back_pressure": (net(log, back=1e9) - q) / 1e9,
-        "pressure_gain": -by_P * log.P + volume / oil["bulk_modulus_Pa"] * rate, "pressure_offset": -by_P,
-        "pressure_delay": by_P * rate, "position_gain": area * log.v, "position_delay": -area * np.gradient(log.v, log.t),
+        "pressure_gain": -by_P * log.P + volume / oil["bulk_modulus_Pa"] * rate,
+        "pressure_offset": -by_P,
+        "pressure_delay": by_P * rate,
+        "position_gain": area * log.v,
+        "position_delay": -area * np.gradient(log.v, log.t),
         "supply_pressure_gain": -(net(log, Ps=1.005 * log.Ps) - q) / 0.005,
-    }  # fmt: skip
+    }
     if "pressure_top_Pa" in log.machine["columns"]:
         effects["leakage_across_piston"] = -(log.P - log.P2)
     for place in np.linspace(0.3, 0.7, 5) * cylinder["stroke_m"]:
@@ -183,13 +200,22 @@ def force(log: Log) -> tuple[np.ndarray, Columns, Columns]:
     }
     nuisance |= {"mass": -m * (log.a + g), "sampling": -m * log.a}
     effects = {
-        "coulomb_friction_change": -sign, "viscous_friction_change": -log.v, "stribeck_friction_change": -fade * sign,
-        "pressure_dependent_friction": -log.P * sign, "mass_change": -(log.a + g), "incline": m * g * np.ones_like(off),
-        "friction_warm_up": friction * (1.0 - np.exp(-log.t / 8.0)), "spring": -off, "hardening_spring": -(off**3),
-        "accelerometer_gain": m * log.a, "accelerometer_offset": m * np.ones_like(off),
-        "accelerometer_delay": -m * np.gradient(smooth(log.a), log.t), "pressure_gain": -A1 * log.P,
-        "pressure_offset": -A1 * np.ones_like(off), "pressure_delay": A1 * np.gradient(log.P, log.t),
-    }  # fmt: skip
+        "coulomb_friction_change": -sign,
+        "viscous_friction_change": -log.v,
+        "stribeck_friction_change": -fade * sign,
+        "pressure_dependent_friction": -log.P * sign,
+        "mass_change": -(log.a + g),
+        "incline": m * g * np.ones_like(off),
+        "friction_warm_up": friction * (1.0 - np.exp(-log.t / 8.0)),
+        "spring": -off,
+        "hardening_spring": -(off**3),
+        "accelerometer_gain": m * log.a,
+        "accelerometer_offset": m * np.ones_like(off),
+        "accelerometer_delay": -m * np.gradient(smooth(log.a), log.t),
+        "pressure_gain": -A1 * log.P,
+        "pressure_offset": -A1 * np.ones_like(off),
+        "pressure_delay": A1 * np.gradient(log.P, log.t),
+    }
     if "pressure_top_Pa" not in log.machine["columns"]:
         effects["supply_pressure_gain"] = A2 * log.Ps
     for wave in np.array([0.1, 0.15, 0.2, 0.3]) * cylinder["stroke_m"]:
@@ -215,9 +241,12 @@ def motion(log: Log) -> tuple[np.ndarray, Columns, Columns]:
     twice = np.gradient(np.gradient(log.y, log.t), log.t)
     slope = np.gradient(smooth(log.a), log.t)
     effects = {
-        "accelerometer_gain": log.a, "accelerometer_offset": np.ones_like(log.a), "accelerometer_delay": -slope,
-        "position_gain": -log.a, "position_delay": slope,
-    }  # fmt: skip
+        "accelerometer_gain": log.a,
+        "accelerometer_offset": np.ones_like(log.a),
+        "accelerometer_delay": -slope,
+        "position_gain": -log.a,
+        "position_delay": slope,
+    }
     return log.a - twice, {"sampling": -log.a}, effects
 
 

@@ -29,9 +29,16 @@ EFFECT = Effect(
         EffectParameter(name="share_at_start", unit="1", bounds=(0.0, 1.0), typical=0.3),
         EffectParameter(name="time_constant_s", unit="s", bounds=(0.5, 30.0), typical=8.0, default=8.0),
         EffectParameter(
-            name="declared_cold", unit="1", bounds=(0.0, 1.0), typical=0.0, default=0.0, grid=(0.0, 1.0),
-            step_share=20.0, of_the_file=True,
+            name="declared_cold",
+            unit="1",
+            bounds=(0.0, 1.0),
+            typical=0.0,
+            default=0.0,
+            grid=(0.0, 1.0),
+            step_share=20.0,
+            of_the_file=True,
         ),
     ),
-    apply=apply, once=True,
-)  # fmt: skip
+    apply=apply,
+    once=True,
+)

@@ -9,17 +9,21 @@ from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import LINE, S
 
-LEAST_SHARE = 0.2  # of the nominal pressure (absolute): precharge, below which the gas is shut off
 
-
-def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+def apply(
+    resolved: Resolved,
+    legs: tuple[int, ...],
+    values: dict[str, float],
+    *,
+    least_share: float = 0.2,  # of the nominal pressure (absolute): precharge, below which the gas is shut off
+) -> None:
     """The supply becomes a state behind the line, with the gas volume given at the nominal pressure."""
     row, exponent = resolved.supply, values["polytropic_exponent"]
     row[S.MODEL] = LINE
     row[S.RESISTANCE] = values["line_resistance_Pa_s_m3"]
     row[S.EXPONENT] = exponent
-    row[S.PRECHARGE] = LEAST_SHARE * (row[S.PRESSURE] + ATMOSPHERE)
-    row[S.GAS_VOLUME] = values["gas_volume_m3"] * LEAST_SHARE ** (-1.0 / exponent)
+    row[S.PRECHARGE] = least_share * (row[S.PRESSURE] + ATMOSPHERE)
+    row[S.GAS_VOLUME] = values["gas_volume_m3"] * least_share ** (-1.0 / exponent)
 
 
 EFFECT = Effect(

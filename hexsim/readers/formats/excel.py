@@ -11,8 +11,6 @@ from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import RawLog, Reader
 from hexsim.readers.text_table import find_table
 
-LARGEST = 150_000_000  # bytes of XML, unpacked: a cell takes about as much again in memory
-
 
 class ExcelReader(Reader):
     """A table wherever it begins in the first sheet that has one, dates as time stamps. Text is written down and read as
@@ -22,14 +20,20 @@ class ExcelReader(Reader):
     suffixes = (".xlsx", ".xlsm")
     needs = "excel"
 
-    def read(self, path: Path, layout: FileLayout) -> RawLog:
+    def read(
+        self,
+        path: Path,
+        layout: FileLayout,
+        *,
+        most_bytes: int = 150_000_000,  # bytes of XML, unpacked: a cell takes about as much again in memory
+    ) -> RawLog:
         import fastexcel
 
         with zipfile.ZipFile(path) as archive:
             size = sum(info.file_size for info in archive.infolist())
-        if size > LARGEST:
+        if size > most_bytes:
             raise HexsimError(
-                f"{path} unpacks to {size / 1e6:.0f} MB, {LARGEST / 1e6:.0f} are the most: save it as CSV"
+                f"{path} unpacks to {size / 1e6:.0f} MB, {most_bytes / 1e6:.0f} are the most: save it as CSV"
             )
         book = fastexcel.read_excel(path)
         said = []

@@ -17,9 +17,6 @@ from hexsim.readers.reader import RawLog, RawSignal, Reader
 from hexsim.readers.text_table import seconds
 from hexsim.readers.topics import LISTED_CELLS, flatten
 
-LONGEST = 1 << 22  # characters of a line
-STAMP = 40  # characters, at most, of a time stamp as text
-
 
 class JsonLinesReader(Reader):
     """Numbers by their path, those in lists by their place. Time stamps as text become seconds."""
@@ -27,13 +24,25 @@ class JsonLinesReader(Reader):
     name = "JSON lines"
     suffixes = (".jsonl", ".ndjson")
 
-    def read(self, path: Path, layout: FileLayout) -> RawLog:
+    def read(
+        self,
+        path: Path,
+        layout: FileLayout,
+        *,
+        stamp_characters: int = 40,  # characters, at most, of a time stamp as text
+    ) -> RawLog:
         raw, numbers, texts = RawLog(signals=[]), Columns(math.nan), Columns("")
         for message in messages(path, raw):
             found: dict[str, float] = {}
             flatten("", message, found, {}, 0)
             numbers.add(found)
-            texts.add({k: v for k, v in message.items() if isinstance(v, str) and v[:1].isdigit() and len(v) <= STAMP})
+            texts.add(
+                {
+                    k: v
+                    for k, v in message.items()
+                    if isinstance(v, str) and v[:1].isdigit() and len(v) <= stamp_characters
+                }
+            )
             if numbers.cells + texts.cells > LISTED_CELLS:
                 raw.lose_rows(f"{path.name} holds more numbers than are kept: what comes later is left out")
                 break
@@ -69,11 +78,16 @@ class Columns:
         self.rows, self.cells = self.rows + 1, self.cells + len(self.of)
 
 
-def messages(path: Path, raw: RawLog) -> Iterator[dict[str, Any]]:
+def messages(
+    path: Path,
+    raw: RawLog,
+    *,
+    most_characters: int = 1 << 22,  # characters of a line
+) -> Iterator[dict[str, Any]]:
     """Objects of a file. A line that is none is a lost row; a file without any is refused."""
     good, bad = 0, []
     with open(path, encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(iter(lambda: file.readline(LONGEST), "")):
+        for number, line in enumerate(iter(lambda: file.readline(most_characters), "")):
             if not line.strip():
                 continue
             try:

@@ -15,8 +15,6 @@ from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
 from hexsim.readers.sizes import check_mat, check_mat_of_hdf5, too_large
 
-MOST_ITEMS = 200  # of a cell array or a matrix that are looked at
-DEEPEST = 4  # structs in structs
 MODELICA = {"Aclass", "name", "dataInfo", "data_2"}  # variables of a result of Dymola or OpenModelica
 
 
@@ -120,18 +118,27 @@ class Found:
         clocks = {"Time": stamps} if stamps is not None and len(stamps) == len(values) else {}
         self.signals[name] = RawSignal(name=name, values=values.astype(float), unit=unit, stamps=clocks)
 
-    def collect(self, name: str, value: Any, depth: int, stamps: np.ndarray | None = None) -> None:
+    def collect(
+        self,
+        name: str,
+        value: Any,
+        depth: int,
+        stamps: np.ndarray | None = None,
+        *,
+        most_items: int = 200,  # of a cell array or a matrix that are looked at
+        most_levels: int = 4,  # structs in structs
+    ) -> None:
         """Vectors under `value`, by their path."""
         inner = fields_of(value)
         if hasattr(value, "columns") and hasattr(value, "index"):
             self.collect_table(name, value)
-        elif inner is not None and depth < DEEPEST:
+        elif inner is not None and depth < most_levels:
             self.collect_struct(name, inner, depth, stamps)
         elif not isinstance(value, np.ndarray):
             if isinstance(value, str) and value:
                 self.left_out.append(f"{name} holds text")
-        elif value.dtype == object and depth < DEEPEST:
-            items = [(fields_of(item), item) for item in value.ravel()[:MOST_ITEMS]]
+        elif value.dtype == object and depth < most_levels:
+            items = [(fields_of(item), item) for item in value.ravel()[:most_items]]
             names = [str(one.get("Name", one.get("name", ""))) if one is not None else "" for one, _ in items]
             named = all(names) and len(set(names)) == len(names)
             for i, (_, item) in enumerate(items):
@@ -142,7 +149,7 @@ class Found:
             flat = np.squeeze(value)
             by_time = stamps is not None and flat.shape[0] == len(stamps)
             rows = flat.T if by_time or flat.shape[0] > flat.shape[1] else flat
-            for i, row in enumerate(rows[:MOST_ITEMS]):
+            for i, row in enumerate(rows[:most_items]):
                 self.add(f"{name}_{i + 1}", row, stamps=stamps)
         elif value.size > 2:
             self.left_out.append(f"{name} is an array of {value.dtype}, {' x '.join(map(str, value.shape))}")

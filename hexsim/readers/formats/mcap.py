@@ -14,8 +14,6 @@ from hexsim.readers.ros_messages import BadDefinition, Messages
 from hexsim.readers.sizes import LARGEST_LOG, LARGEST_PART
 from hexsim.readers.topics import Topics
 
-LARGEST_JSON = 1 << 20  # bytes of a message: an image, not a measurement
-
 
 class McapReader(Reader):
     """Fields of messages that are numbers, on the stamps of their topic: header time and time of receipt."""
@@ -29,7 +27,13 @@ class McapReader(Reader):
         self.collect(path, topics)
         return topics.raw(path)
 
-    def collect(self, path: Path, topics: Topics) -> None:
+    def collect(
+        self,
+        path: Path,
+        topics: Topics,
+        *,
+        most_json_bytes: int = 1 << 20,  # bytes of a message: an image, not a measurement
+    ) -> None:
         """Messages of a file."""
         schemas, channels, decoders = {}, {}, {}
         with open(path, "rb") as stream:
@@ -47,8 +51,10 @@ class McapReader(Reader):
                         if isinstance(found, str):
                             topics.left_out[channel.topic] = found
                     decode = decoders[channel.id]
-                    if decode is json.loads and len(record.data) > LARGEST_JSON:
-                        topics.left_out[channel.topic] = f"has messages of more than {LARGEST_JSON >> 20} MB: not read"
+                    if decode is json.loads and len(record.data) > most_json_bytes:
+                        topics.left_out[channel.topic] = (
+                            f"has messages of more than {most_json_bytes >> 20} MB: not read"
+                        )
                     elif not isinstance(decode, str):
                         topics.add(channel.topic, record.publish_time, decode(record.data))
                         if topics.is_full:

@@ -21,8 +21,6 @@ CELLS = {
     "messages": {"topic_id": int, "timestamp": int, "data": bytes},
     "topics": {"id": int, "name": str, "type": str},
 }
-STEPS = 100_000  # of SQLite between two looks at the clock
-LONGEST_s = 15.0  # that SQLite may take for one row: only a damaged or hostile file takes more than a moment
 
 
 class RosBagReader(Reader):
@@ -89,10 +87,18 @@ class RosBagReader(Reader):
             return file.read(LARGEST_PART)
 
 
-def rows(bag: sqlite3.Connection, path: Path, table: str, columns: str) -> Iterator[tuple[Any, ...]]:
+def rows(
+    bag: sqlite3.Connection,
+    path: Path,
+    table: str,
+    columns: str,
+    *,
+    steps_a_look: int = 100_000,  # of SQLite between two looks at the clock
+    longest_s: float = 15.0,  # that SQLite may take for one row: only a damaged or hostile file takes more than a moment
+) -> Iterator[tuple[Any, ...]]:
     """Rows of a real table in their order; a row that takes SQLite too long, or holds other cells, is a refusal."""
     begun = time.monotonic()
-    bag.set_progress_handler(lambda: time.monotonic() - begun > LONGEST_s, STEPS)
+    bag.set_progress_handler(lambda: time.monotonic() - begun > longest_s, steps_a_look)
     kinds = tuple(CELLS[table].values())
     for number, row in enumerate(bag.execute(f"SELECT {columns} FROM {table}")):
         for value, kind, name in zip(row, kinds, CELLS[table], strict=True):

@@ -18,9 +18,6 @@ from hexsim.readers.reader import MAX_ROWS, RawLog, RawSignal, Reader, max_rows
 from hexsim.readers.text_table import MISSING, Table, find_table, records, seconds
 
 CHUNK = 1 << 22  # bytes that are read and inflated at once
-LOOK = 1 << 16  # bytes that say whether there is a table
-HEAD = 1 << 20  # bytes that say where the table is
-LARGEST = 150_000_000  # bytes of text that are read: a million rows of a bench, half a million of a hexapod
 SI_LETTER = re.compile(rb"(\d\.?)([numk])(?=[\s;,]|$)")
 SI_EXPONENT = {b"n": b"e-9", b"u": b"e-6", b"m": b"e-3", b"k": b"e3"}
 BLOCK = 50_000  # rows that are parsed at once where they are parsed cell by cell
@@ -32,10 +29,16 @@ class TextReader(Reader):
     name = "text"
     suffixes = (".csv", ".txt", ".exp", ".dat", ".tsv", ".asc", ".lvm", ".log")
 
-    def read(self, path: Path, layout: FileLayout) -> RawLog:
+    def read(
+        self,
+        path: Path,
+        layout: FileLayout,
+        *,
+        head_bytes: int = 1 << 20,  # bytes that say where the table is
+    ) -> RawLog:
         raw = RawLog(signals=[])
         text = decoded(path, file_bytes(path, raw), layout)
-        table = find_table(text[:HEAD].decode("utf-8", "replace").splitlines(), layout, path)
+        table = find_table(text[:head_bytes].decode("utf-8", "replace").splitlines(), layout, path)
         twice = [name for name, count in Counter(table.header).items() if count > 1]
         if twice:
             raise HexsimError(f"{path}: column {sorted(twice)[0]!r} stands twice in the header: name each column once")
@@ -53,15 +56,21 @@ class TextReader(Reader):
             with_own_times(raw, table)
         return raw
 
-    def holds_log(self, path: Path, layout: FileLayout) -> bool:
+    def holds_log(
+        self,
+        path: Path,
+        layout: FileLayout,
+        *,
+        look_bytes: int = 1 << 16,  # bytes that say whether there is a table
+    ) -> bool:
         """Is there a table in the first lines?"""
         try:
             with open(path, "rb") as file:
                 packed = file.read(2) == b"\x1f\x8b"
                 file.seek(0)
-                begin = next(inflated(file)) if packed else file.read(LOOK)
+                begin = next(inflated(file)) if packed else file.read(look_bytes)
             table = find_table(
-                decoded(path, begin[:LOOK], layout).decode("utf-8", "replace").splitlines(), layout, path
+                decoded(path, begin[:look_bytes], layout).decode("utf-8", "replace").splitlines(), layout, path
             )
         except (HexsimError, OSError, EOFError, StopIteration, zlib.error):
             return False
@@ -99,8 +108,13 @@ def inflated(file: IO[bytes]) -> Iterator[bytes]:
         packed = inflate.unused_data if inflate.eof else inflate.unconsumed_tail
 
 
-def file_bytes(path: Path, raw: RawLog) -> bytes:
-    """Content of a plain or gzip file, up to about MAX_ROWS lines and LARGEST bytes; a damaged gzip gives what it holds."""
+def file_bytes(
+    path: Path,
+    raw: RawLog,
+    *,
+    most_bytes: int = 150_000_000,  # bytes of text that are read: a million rows of a bench, half a million of a hexapod
+) -> bytes:
+    """Content of a plain or gzip file, up to about MAX_ROWS lines and most_bytes bytes; a damaged gzip gives what it holds."""
     pieces: list[bytes] = []
     lines = size = 0
     try:
@@ -112,9 +126,9 @@ def file_bytes(path: Path, raw: RawLog) -> bytes:
                 pieces.append(piece)
                 if lines > MAX_ROWS + 10:
                     break
-                if size > LARGEST:
+                if size > most_bytes:
                     raw.lose_rows(
-                        f"{path.name} is larger than {LARGEST // 1_000_000} MB of text: only so much of it is used; "
+                        f"{path.name} is larger than {most_bytes // 1_000_000} MB of text: only so much of it is used; "
                         "cut the file to choose others"
                     )
                     return whole_rows(pieces)
@@ -170,9 +184,14 @@ class Cells:
         """Fill raw.signals: fast when all cells of numbers are such; else cell by cell with each failure counted."""
         kinds = [pl.Float64 if numbers else pl.String for numbers in self.table.numbers]
         options: dict[str, Any] = {
-            "has_header": False, "new_columns": self.header, "separator": self.separator, "n_rows": self.most,
-            "comment_prefix": self.comment, "raise_if_empty": False, "decimal_comma": self.table.decimal_comma,
-        }  # fmt: skip
+            "has_header": False,
+            "new_columns": self.header,
+            "separator": self.separator,
+            "n_rows": self.most,
+            "comment_prefix": self.comment,
+            "raise_if_empty": False,
+            "decimal_comma": self.table.decimal_comma,
+        }
         try:
             table = pl.read_csv(text, schema_overrides=kinds, **options)
             if table.width != len(self.header):

@@ -13,9 +13,6 @@ from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
 
-LARGEST = 100_000_000  # bytes that are read: pyuff keeps the text of all of them
-TIME_RESPONSE, GENERAL = 1, 0  # function types that are signals over time
-SECONDS = 17  # specific data type of an abscissa of time
 DIRECTIONS = {1: "x", 2: "y", 3: "z", -1: "-x", -2: "-y", -3: "-z", 4: "rx", 5: "ry", 6: "rz"}
 
 
@@ -41,7 +38,8 @@ class UffReader(Reader):
                 raw.left_out.append(f"data set {number + 1} is of type {one.get('type')}")
                 continue
             values, time = np.asarray(one["data"]), np.asarray(one["x"], dtype=float)
-            if one.get("func_type") not in (TIME_RESPONSE, GENERAL) or np.iscomplexobj(values):
+            # general, and time response: the types that are signals over time
+            if one.get("func_type") not in (0, 1) or np.iscomplexobj(values):
                 raw.left_out.append(f"data set {number + 1}, {name_of(one, number)}, is no function of time")
                 continue
             if len(time) != len(values) or len(values) < 3:
@@ -51,10 +49,12 @@ class UffReader(Reader):
             clock = clock if np.array_equal(clock, time) else time
             raw.signals.append(
                 RawSignal(
-                    name=unique(name_of(one, number), raw), values=values.astype(float), stamps={"abscissa": clock},
+                    name=unique(name_of(one, number), raw),
+                    values=values.astype(float),
+                    stamps={"abscissa": clock},
                     unit=label(one.get("ordinate_axis_units_lab")),
                 )
-            )  # fmt: skip
+            )
         if not raw.signals:
             raise HexsimError(f"{path} holds no data set 58 over time{raw.unread()}")
         return raw
@@ -81,10 +81,14 @@ def label(value: Any) -> str:
     return "" if text.upper() in ("", "NONE", "NO") else text
 
 
-def refuse_large(path: Path) -> None:
+def refuse_large(
+    path: Path,
+    *,
+    most_bytes: int = 100_000_000,  # bytes that are read: pyuff keeps the text of all of them
+) -> None:
     """Ask for the size of what would be unpacked: an even abscissa is made of its number of points alone."""
-    if path.stat().st_size > LARGEST:
-        raise HexsimError(f"{path} is larger than {LARGEST // 1_000_000} MB: save fewer data sets")
+    if path.stat().st_size > most_bytes:
+        raise HexsimError(f"{path} is larger than {most_bytes // 1_000_000} MB: save fewer data sets")
     content, cells = path.read_bytes(), 0
     begins = list(re.finditer(rb"(?m)^ {0,4}-1\s*\n {0,5}58b?\b[^\n]*\n", content))
     if not begins:
