@@ -124,7 +124,7 @@ def test_a_pressure_gain_is_no_offset_where_friction_fades_from_a_value_near_its
     """Coulomb friction 10 % below its declaration of 12 %, which fades by 6.6 %: with the friction declared of the warm
     machine alone an offset of 1.4 bar left less than the gain that is there. The gain within 5 %, which took the offset's
     place as a tie."""
-    effects, _ = draw(1515)
+    effects, _ = draw(1515, "pressure_gain")
     write_machine(tmp_path, 1515, effects)
     [own] = (found := sure_effects(violated(tmp_path), lambda doing: None)).named
     assert own.candidate.effect.name == "pressure_gain"

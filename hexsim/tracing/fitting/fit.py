@@ -19,7 +19,7 @@ from hexsim.declaration import Machine
 from hexsim.tracing import rules
 from hexsim.tracing.attempt import attempted
 from hexsim.tracing.fitting.covariance import scattered
-from hexsim.tracing.fitting.normal import Columns, normal_equations, scores_of
+from hexsim.tracing.fitting.normal import Columns, fall_of, normal_equations, scores_of
 from hexsim.tracing.fitting.parameters import (
     Candidate,
     Prior,
@@ -209,12 +209,12 @@ def refine(
     for _ in range(steps):
         A, b, scores = _system(fit, _all_columns(fit, problem), problem)
         better, kept = None, 0.0
-        first = _promise(_step(fit, A, b, damping)[1], A, b)
+        first = fall_of(A, b, _step(fit, A, b, damping)[1])
         if worth is not None and not worth(fit, trust * first):
             break
         for _ in range(6):
             coordinates, step = _step(fit, A, b, damping)
-            promise = _promise(step, A, b)
+            promise = fall_of(A, b, step)
             if promise < 0.2 * tolerance:
                 break
             trial = _evaluate(fit, coordinates, problem)
@@ -255,11 +255,6 @@ def _system(fit: Fit, columns: Sequence[Columns], problem: FitProblem) -> tuple[
     A[range(m), range(m)] += precision
     b[:m] += pull
     return A, b, scores_of(columns, fit.misfit, problem)
-
-
-def _promise(step: Array, A: Array, b: Array) -> float:
-    """Fall of the cost by the linear model."""
-    return float(2.0 * step @ b - step @ A @ step)
 
 
 def _cost(fit: Fit) -> float:

@@ -39,6 +39,11 @@ def normal_equations(columns: Sequence[Columns], misfit: Sequence[Array]) -> tup
     return A, b
 
 
+def fall_of(A: Array, b: Array, step: Array) -> float:
+    """Of the sum of squares by a step, to first order about where A and b were taken."""
+    return float(2.0 * step @ b - step @ A @ step)
+
+
 def scores_of(
     columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float = rules.BLOCK_S
 ) -> Array:

@@ -28,7 +28,7 @@ from hexsim.tracing.fitting.fit import (
     fit_at,
     with_effects,
 )
-from hexsim.tracing.fitting.normal import normal_equations, scores_of
+from hexsim.tracing.fitting.normal import fall_of, normal_equations, scores_of
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, prior_precision
 from hexsim.tracing.problems.problem import FitProblem
@@ -279,7 +279,7 @@ def asked_for(fit: Fit, system: tuple[Array, Array], own: tuple[float, float]) -
     A, b = system
     here, (low, high) = coordinates_of(fit), bounds_of(fit)
     x = bounded(A, b, np.append(low - here, own[0]), np.append(high - here, own[1]))
-    return np.append(here, 0.0) + x, float(2.0 * b @ x - x @ A @ x)
+    return np.append(here, 0.0) + x, fall_of(A, b, x)
 
 
 def size_of(fit: Fit, k: int = -1) -> float:

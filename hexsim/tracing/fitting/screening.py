@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.tracing.fitting.fit import Fit, all_columns
-from hexsim.tracing.fitting.normal import normal_equations
+from hexsim.tracing.fitting.normal import fall_of, normal_equations
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
 from hexsim.tracing.problems.problem import FitProblem
 
@@ -109,7 +109,7 @@ def _line(candidate: Candidate, own: list[Array], base: list[Array], fit: Fit, f
     use = np.concatenate([free, [True]])
     A, b = whole[use][:, use], b[use]
     theta, size = _solve(A, b, *coordinate_bounds(candidate.effect.parameters[0]))
-    gain = _gain(A, b, theta) - _gain(A[:-1, :-1], b[:-1], _least(A[:-1, :-1], b[:-1]))
+    gain = fall_of(A, b, theta) - fall_of(A[:-1, :-1], b[:-1], _least(A[:-1, :-1], b[:-1]))
     return Screened(
         candidate=candidate,
         size=size,
@@ -136,8 +136,3 @@ def _solve(A: Array, b: Array, low: float, high: float) -> tuple[Array, float]:
     if size != theta[-1]:
         theta = np.append(_least(A[:-1, :-1], b[:-1] - A[:-1, -1] * size), size)
     return theta, float(size)
-
-
-def _gain(A: Array, b: Array, theta: Array) -> float:
-    """Fall of the sum of squares by theta."""
-    return float(2.0 * theta @ b - theta @ A @ theta)

@@ -1,8 +1,7 @@
 """Where no hypothesis reaches the noise: each violated balance on its own, and its unexplained residual.
 
-A balance looks at measured signals, so that one balance's trouble does not reach another. Effects are selected in
-a balance as in the simulation; they are named only if they bring it back to its null. What stays violated is
-reported with its size and its strongest dependence, never under a name.
+A balance looks at measured signals, so that one balance's trouble does not reach another. What stays violated is reported
+with its size and its strongest dependence, never under a name.
 """
 
 from __future__ import annotations
