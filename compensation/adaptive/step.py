@@ -343,7 +343,10 @@ def _probe(s):
     slow = gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN])
     if abs(v) < slow:
         return 0.0
-    total, open_edge = 0.0, min(abs(v) / slow - 1.0, 1.0)  # tones fade: what begins at once the spool answers in the felt band
+    total, open_edge = (
+        0.0,
+        min(abs(v) / slow - 1.0, 1.0),
+    )  # tones fade: what begins at once the spool answers in the felt band
     for k in range(len(PROBE_HZ)):
         w = 2.0 * pi * PROBE_HZ[k]
         total += PROBE[k] * sin(w * s.past.ticks * tick_s) / (w * _passed(s, w))

@@ -235,8 +235,8 @@ def test_the_setpoint_is_followed_without_lag(compensated) -> None:
 
 
 def test_a_wide_dead_band_is_crossed() -> None:
-    """50 um of overlap (0.45 V of dead band on either side), undeclared: no period is worse than plain control by a quarter, and a fifth of
-    its bump is left at the end. Volts that found no way out of the dead band left sixteen times the bump."""
+    """50 um of overlap (0.45 V of dead band on either side), undeclared: no period is worse than plain control by a quarter, and a fifth
+    of its bump is left at the end. Volts that found no way out of the dead band left sixteen times the bump."""
     leg = Leg(mass_kg=100.0, overlap_m=5e-5)
     done = {seed: run(compensation.create("adaptive"), leg, duration_s=24.0, seed=seed) for seed in (31, 33, 36)}
     bump = run(compensation.create("none"), leg, duration_s=10.0, seed=31).peak(4.0, 10.0)
