@@ -56,6 +56,7 @@ class Leg:
     drift_V_s: float = 0.0  # of the null
     warm_up: float = 0.0  # friction lost with a time constant of 20 s
     ripple_m: float = 0.0  # amplitude of the position transducer's, over 2 mm
+    volts_count_V: float = 0.0  # of the converter; 0 = none
 
     def row(self) -> np.ndarray:
         """Numbers for the compiled equations, in the order of the fields up to `spring_N_m`."""
@@ -232,6 +233,7 @@ def run(
             statuses.append((time_s, text))
         total = sample.control_V + more
         sent = min(max(total, -10.0), 10.0) if math.isfinite(total) else 0.0
+        sent = round(sent / leg.volts_count_V) * leg.volts_count_V if leg.volts_count_V else sent
         follower = min(max(follower, sent - leg.backlash_V), sent + leg.backlash_V)
         arriving[k * steps + late : (k + 1) * steps + late] = follower
         position[k], valve[k], added[k] = s[0], sent, more

@@ -89,6 +89,18 @@ def test_derivatives_are_those_of_the_equations(four_way) -> None:
         assert np.allclose(S[:, model.N_NUMBERS + column], slope, rtol=5e-3, atol=1e-6 * np.abs(slope).max())
 
 
+@pytest.mark.parametrize("name", ["amp_lag_s", "pressure_lag_s"])
+def test_a_lag_of_nothing_has_the_derivative_of_one_that_grows(name) -> None:
+    """At no lag the derivatives are the one-sided difference of the ticks themselves, and not zero."""
+    numbers, k = np.array([TRUE[name] for name in model.NAMES]), model.NAMES.index(name)
+    numbers[k] = 0.0
+    S = np.zeros((model.N_STATES, model.N_NUMBERS + 3))
+    still = _ticks(numbers, False, S)
+    slope = (_ticks(numbers + np.where(np.arange(len(numbers)) == k, 1e-8, 0.0), False) - still) / 1e-8
+    assert np.abs(slope[model.M1]) > 0.0
+    assert np.allclose(S[:, k], slope, rtol=2e-2, atol=1e-3 * np.abs(slope).max())
+
+
 @pytest.mark.parametrize("four_way", [False, True])
 def test_a_window_knows_what_its_start_does(four_way) -> None:
     """A window's derivatives by its own start are the central differences of its ticks; the top pressure of a three-way leg, which is the
@@ -242,6 +254,13 @@ def test_a_wide_dead_band_is_crossed() -> None:
     bump = run(compensation.create("none"), leg, duration_s=10.0, seed=31).peak(4.0, 10.0)
     assert all(one.peaks().max() < 1.25 * bump for one in done.values())
     assert all(one.peaks()[-2:].max() < 0.2 * bump for one in done.values())
+
+
+def test_the_next_volts_make_up_for_what_a_converter_rounds_off() -> None:
+    """Counts of 10 mV (11 bits): a twelfth of the bump is left from 14 s on. Without, a fifth."""
+    leg = Leg(volts_count_V=0.01)
+    bump = run(compensation.create("none"), leg, duration_s=10.0, seed=40).peak(4.0, 10.0)
+    assert run(compensation.create("adaptive"), leg, duration_s=20.0, seed=40).peak(14.0, 20.0) < bump / 12
 
 
 def test_a_spring_is_found() -> None:
