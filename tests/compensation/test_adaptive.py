@@ -257,7 +257,7 @@ def test_a_wide_dead_band_is_crossed() -> None:
 
 
 def test_the_next_volts_make_up_for_what_a_converter_rounds_off() -> None:
-    """Counts of 10 mV (11 bits): a twelfth of the bump is left from 14 s on. Without, a fifth."""
+    """Counts of 10 mV (11 bits): a twelfth of the bump is left from 14 s on. Without, a quarter."""
     leg = Leg(volts_count_V=0.01)
     bump = run(compensation.create("none"), leg, duration_s=10.0, seed=40).peak(4.0, 10.0)
     assert run(compensation.create("adaptive"), leg, duration_s=20.0, seed=40).peak(14.0, 20.0) < bump / 12
