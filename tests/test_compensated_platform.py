@@ -39,10 +39,10 @@ def test_irregular_motion_is_compensated(runs: tuple[Run, Run], axis: str) -> No
 
 
 def engaged_s(run: Run) -> np.ndarray:
-    """When each leg adds its first volts: those that compensate, or those of the small motion by which it shows its valve before."""
+    """Since when each leg has added volts without a pause: the small motion by which it shows its valve before pauses at reversals."""
     volts = run.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy()
-    assert volts.any(axis=0).all()
-    return run.log["time_s"].to_numpy()[(volts != 0.0).argmax(axis=0)]
+    assert volts[-1].all()
+    return run.log["time_s"].to_numpy()[len(volts) - (volts[::-1] == 0.0).argmax(axis=0)]
 
 
 def test_legs_engage_together(runs: tuple[Run, Run]) -> None:
