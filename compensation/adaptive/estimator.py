@@ -62,7 +62,7 @@ ROUNDS = 6  # of a step, in which numbers meet their bounds
 KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
 CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the noise throughout
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
-NOISE_MISFIT = 1.5  # beyond it the leg may sit in another minimum: half of KNOWN_LEG
+NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half way to KNOWN_LEG
 # Other minima of a leg that the model does not know, in turn, about what was believed before: spool, damping, backlash, in standard
 # deviations
 ELSEWHERE = ((1.5, -1.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.5), (1.0, 1.0, -1.0))
