@@ -12,6 +12,7 @@ Beyond chance: beyond that of plain control with two noises.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -48,31 +49,16 @@ def answer(acceleration: np.ndarray, motion: Motion) -> tuple[np.ndarray, np.nda
     return low, basis @ np.linalg.lstsq(basis[half], low[half], rcond=1e-6)[0]
 
 
-def windows(motion: Motion, after_s: float = AFTER_S) -> list[slice]:
-    """Where the bump of each reversal is looked for."""
-    rate = OUT_HZ / EVERY
-    return [slice(round((t - BEFORE_S) * rate), round((t + after_s) * rate)) for t in motion.reversals()]
-
-
-def bumps_in(acceleration: np.ndarray, motion: Motion, after_s: float = AFTER_S) -> np.ndarray:
-    """(n,) bump [m/s2] of each of the motion's reversals in an acceleration every 1e-4 s."""
-    low, linear = answer(acceleration, motion)
-    return np.array([np.abs(low - linear)[window].max() for window in windows(motion, after_s)])
-
-
-def bumps_between(run: Run, plain: Run) -> np.ndarray:
-    """(n,) the same of a run against the mean of its own and plain control's linear answer that fits each reversal best."""
-    low, own = answer(run.acceleration_m_s2, run.motion)
-    other = answer(plain.acceleration_m_s2, plain.motion)[1]
-    return np.array([
-        min(np.abs(low[w] - share * own[w] - (1.0 - share) * other[w]).max() for share in MIXTURES)
-        for w in windows(run.motion)
-    ])  # fmt: skip
+def largest(off: np.ndarray, motion: Motion, after_s: float = AFTER_S) -> np.ndarray:
+    """(n,) largest |off| about each of the motion's reversals, off every ms."""
+    rate, off = OUT_HZ / EVERY, np.abs(off)
+    return np.array([off[round((t - BEFORE_S) * rate) : round((t + after_s) * rate)].max() for t in motion.reversals()])
 
 
 def bumps(run: Run) -> np.ndarray:
-    """The same of a run."""
-    return bumps_in(run.acceleration_m_s2, run.motion)
+    """(n,) bump [m/s2] of each of the motion's reversals."""
+    low, linear = answer(run.acceleration_m_s2, run.motion)
+    return largest(low - linear, run.motion)
 
 
 def late(found: np.ndarray, motion: Motion) -> float:
@@ -105,13 +91,20 @@ class Figures:
 
 def figures(run: Run, plain: Run, again: Run) -> Figures:
     """Compensated, plain with the same noise, plain with another one."""
-    made, left = bumps_between(run, plain), bumps(run)
-    first, second = (bumps_in(each.acceleration_m_s2, each.motion, AFTER_S + LAG_S) for each in (plain, again))
+    return figures_of([each.acceleration_m_s2 for each in (run, plain, again)], run.motion, run.engaged_s)
+
+
+def figures_of(accelerations: Sequence[np.ndarray], motion: Motion, engaged_s: float | None) -> Figures:
+    """The same of their accelerations, every 1e-4 s."""
+    (low, own), (first_low, first_linear), (again_low, again_linear) = (answer(one, motion) for one in accelerations)
+    made = np.min([largest(low - x * own - (1.0 - x) * first_linear, motion) for x in MIXTURES], axis=0)
+    off, off_again = first_low - first_linear, again_low - again_linear
+    plain, again = largest(off, motion), largest(off_again, motion)
+    first, second = (largest(one, motion, AFTER_S + LAG_S) for one in (off, off_again))
     either = np.maximum(first, second)
-    acts = run.motion.reversals() > (math.inf if run.engaged_s is None else run.engaged_s)
+    acts = motion.reversals() > (math.inf if engaged_s is None else engaged_s)
     growth = (made - either)[acts]
     return Figures(
-        late(bumps(plain), run.motion), late(left, run.motion), len(made), int((acts & is_worse(first, made)).sum()),
-        int((acts & is_worse(either, made)).sum()), int(is_worse(bumps(plain), bumps(again)).sum()), float(growth.max(initial=0.0)),
-        run.engaged_s,
+        late(plain, motion), late(largest(low - own, motion), motion), len(made), int((acts & is_worse(first, made)).sum()),
+        int((acts & is_worse(either, made)).sum()), int(is_worse(plain, again).sum()), float(growth.max(initial=0.0)), engaged_s,
     )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.grid.figures import Figures, bumps_in, is_worse, late
+from benchmarks.grid.figures import Figures, figures_of
 from benchmarks.grid.legs import SHEET
 from benchmarks.grid.motions import Motion, sine
 from compensation import Context, create
@@ -106,19 +106,9 @@ def judged_platform(seed: int, compensator: str, declared: str) -> tuple[Figures
     """Figures of a draw, what keeps legs out, and the draw."""
     motion: Motion = sine(seed)
     runs = [run_platform(seed, name, declared, noise) for name, noise in ((compensator, 0), ("none", 0), ("none", 1))]
-    made, plain, again = (bumps_in(accelerated(run), motion) for run in runs)
-    either = np.maximum(plain, again)
     legs = runs[0].summary.get("compensation", [])
     engaged = [leg["engaged_at_s"] for leg in legs if leg["engaged"]]
     reason = "; ".join(f"leg {leg['leg']}: {leg['reason']}" for leg in legs if leg["reason"])
-    found = Figures(
-        late(plain, motion),
-        late(made, motion),
-        len(made),
-        int(is_worse(plain, made).sum()),
-        int(is_worse(either, made).sum()),
-        int(is_worse(plain, again).sum()),
-        float((made - either).max()),
-        max(engaged) if len(engaged) == len(legs) > 0 else None,
-    )
+    last_s = max(engaged) if len(engaged) == len(legs) > 0 else None
+    found = figures_of([accelerated(run) for run in runs], motion, last_s)
     return found, reason, drawn_machine(seed)[0]

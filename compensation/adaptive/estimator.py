@@ -491,7 +491,7 @@ def _has_changed(fit, four_way, chi2):
 
 @compiled
 def _keep_known(s):
-    """What the last stage has found, with its covariance's factor."""
+    """What the last stage has found, with its covariance's factor and the misfit just taken (`_misfit`)."""
     fit, best, known = s.fit, s.fit.best, s.known
     for a in range(N_NUMBERS):
         for b in range(a + 1):
@@ -501,7 +501,7 @@ def _keep_known(s):
     known.factor[:, :] = fit.L
     known.numbers[:] = best.numbers
     known.sd[:] = fit.sd
-    _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, known.chi2)
+    known.chi2[:] = fit.chi2
     known.valid = 1
     if s.platform:
         _keep_alone(fit, known)

@@ -324,14 +324,19 @@ def _through_backlash(inv, volts, half):
 
 
 @compiled
-def _passed(s, w):
-    """Share of a sine of w [rad/s] that amplifier and spool pass, as fast as they may be: two standard deviations."""
-    e, n = s.expected, s.known.numbers
-    e.row[:] = 0.0
-    e.row[LN_SPOOL] = 1.0
-    q = w / (2.0 * pi * exp(n[LN_SPOOL] + 2.0 * sqrt(_variance(s, e.row))))
-    late = w * n[AMP_LAG]
-    return max(1.0 / sqrt(((1.0 - q * q) ** 2 + (2.0 * n[ZETA] * q) ** 2) * (1.0 + late * late)), LEAST_PASSED)
+def _fastest_rad_s(s):
+    """The spool's corner, as fast as it may be: two standard deviations."""
+    row = s.expected.row
+    row[:] = 0.0
+    row[LN_SPOOL] = 1.0
+    return 2.0 * pi * exp(s.known.numbers[LN_SPOOL] + 2.0 * sqrt(_variance(s, row)))
+
+
+@compiled
+def _passed(n, w, corner_rad_s):
+    """Share of a sine of w [rad/s] that an amplifier and a spool of numbers n (N_NUMBERS,) with this corner pass."""
+    q, late = w / corner_rad_s, w * n[AMP_LAG]
+    return 1.0 / sqrt(((1.0 - q * q) ** 2 + (2.0 * n[ZETA] * q) ** 2) * (1.0 + late * late))
 
 
 @compiled
@@ -343,15 +348,14 @@ def _probe(s):
     slow = gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN])
     if abs(v) < slow:
         return 0.0
-    total, open_edge = (
-        0.0,
-        min(abs(v) / slow - 1.0, 1.0),
-    )  # tones fade: what begins at once the spool answers in the felt band
+    corner_rad_s, total = _fastest_rad_s(s), 0.0
     for k in range(len(PROBE_HZ)):
         w = 2.0 * pi * PROBE_HZ[k]
-        total += PROBE[k] * sin(w * s.past.ticks * tick_s) / (w * _passed(s, w))
+        passed = max(_passed(s.known.numbers, w, corner_rad_s), LEAST_PASSED)
+        total += PROBE[k] * sin(w * s.past.ticks * tick_s) / (w * passed)
+    opened = min(abs(v) / slow - 1.0, 1.0)  # tones fade: what begins at once the spool answers in the felt band
     most = 2.0 * COARSEST * s.settings.voltage_max_V
-    volts = sqrt(e.bump2) / gain * open_edge * open_edge * (3.0 - 2.0 * open_edge) * total
+    volts = sqrt(e.bump2) / gain * opened * opened * (3.0 - 2.0 * opened) * total
     return min(max(volts, -most), most)
 
 
@@ -424,7 +428,7 @@ def tick_of(
     s.linear += s.linear_step
     total = _through_backlash(inv, volts, s.numbers[PLAY]) - _damp(s, bottom_Pa, top_Pa)
     lag = s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
-    pressure = s.damping.expected_Pa[int(s.numbers[DELAY] / settings.tick_s)]
+    pressure = s.damping.expected_Pa[inv.whole]
     own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
     own -= fed_back_V(s.loop, settings, ref.position_m[0], pressure)
     if s.damping.wanted:
