@@ -20,8 +20,9 @@ from hexsim.inference.contract import Problem
 from hexsim.inference.held_out import HeldOut
 from hexsim.inference.likelihood import Fit
 from hexsim.inference.notebook import Notebook
-from hexsim.inference.search import MOST_TRIED, OWN, Forms, Found, fitted_with, looked_at, remainders
-from hexsim.inference.verdict import AT, Judgment, comes_to, judge, needed, with_open_form
+from hexsim.inference.remainder import OWN, Forms, looked_at, remainders, with_open_form
+from hexsim.inference.search import MOST_TRIED, Found, fitted_with
+from hexsim.inference.verdict import AT, Judgment, comes_to, judge, needed
 
 Array = np.ndarray
 

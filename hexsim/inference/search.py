@@ -12,12 +12,12 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.inference.contract import Problem
 from hexsim.inference.held_out import HeldOut
-from hexsim.inference.likelihood import Coefficients, Fit, fit, prior_of, whitened
+from hexsim.inference.likelihood import Fit, fit
 from hexsim.inference.notebook import Notebook
-from hexsim.inference.verdict import Judgment, Remainder, judge, needed, with_open_form, with_ties
+from hexsim.inference.remainder import Forms, beside_names, looked_at, remainders, theta_of, with_open_form
+from hexsim.inference.verdict import Judgment, judge, needed, with_ties
 
 Array = np.ndarray
-OWN = 1e-3  # of a column's size beside the others: below it there is nothing of its own
 MOST_TRIED = 9  # candidates that are fitted in a round at most
 
 
@@ -37,19 +37,6 @@ class Candidate(Protocol):
     def place(self) -> str: ...
 
 
-class Forms(Protocol):
-    """A machine with its free forms."""
-
-    def problem(self, chosen: Sequence[Any]) -> Problem:
-        """The declared model with these effects in it."""
-        ...
-
-    def free_forms(self, chosen: Sequence[Any], now: Fit) -> Sequence[Sequence[Any]]:
-        """The most general laws over the signals that each place of the model can depend on, and memories where something is chosen:
-        what is left there shows in them. Each as its parts."""
-        ...
-
-
 class Machine(Forms, Protocol):
     """What a search asks of a machine."""
 
@@ -61,7 +48,7 @@ class Machine(Forms, Protocol):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
     """base: the declared model. steps: named, in order. refused: of the last round. in_model: the effects of `final`, in order: named
-    ones, and those whose form is open, which stand in for what is not known and are no names."""
+    ones, and those whose form is open, which stand in for what is not known and are no names. left: what they leave, a sentence."""
 
     base: Fit
     base_held: HeldOut
@@ -70,6 +57,7 @@ class Found:
     final: Fit
     final_held: HeldOut
     in_model: list[Any] = field(default_factory=list)
+    left: str = ""
     fits: list[tuple[str, Fit]] = field(default_factory=list)
 
 
@@ -129,7 +117,7 @@ def search(
     steps, now, held = pruned(machine, steps, now, held, notes)
     left = remainders(machine, [step.candidate for step in steps], now) if steps else []
     doubted = {one.title: one for one in (*without_rival(machine, steps, held, notes), *with_open_form(steps, left))}
-    return known(refused)
+    return replace(known(refused), left=beside_names(left))
 
 
 def one_round(
@@ -170,55 +158,6 @@ def one_round(
     return [with_ties(one, judged) for one in judged], compared
 
 
-def remainders(machine: Forms, chosen: Sequence[Any], now: Fit) -> list[Remainder]:
-    """What each free form would take at its place beside everything that is chosen, to first order.
-
-    Its shapes are tried from smooth to rough (Neyman 1937): a law that resembles the named one differs smoothly from it. Memories have
-    no place: they open no form, for a time step that is a little too long looks like one, but reject what takes nothing beside them.
-    """
-    found = []
-    for form in machine.free_forms(chosen, now):
-        try:
-            problem = machine.problem([*chosen, *form])
-        except HexsimError:
-            continue  # together too large to be written
-        x, y, names = looked_at(problem, now)
-        at = np.array([now.value(name) if name in now.names else 0.0 for name in names])
-        own = np.column_stack([x[:, [names.index(name) for name in one.amplitude]] @ one.shapes for one in form])
-        columns = [names.index(name) for name in now.names]
-        nats = taken(x[:, columns], own, y)
-        beside = {one.title: still(x, y, [names.index(name) for name in one.amplitude], at) for one in chosen}
-        place = "" if form[0].has_memory else form[0].place
-        found.append(Remainder(title=form[0].title, place=place, nats=nats, beside=beside))
-    return found
-
-
-def looked_at(problem: Problem, now: Fit, at: Sequence[int] | None = None) -> tuple[Array, Array, list[str]]:
-    """Slopes and residual of unit variance at the numbers there are, priors below them; names of the columns. at: stretches, default
-    all."""
-    known = dict(zip(now.names, (float(value) for value in now.theta), strict=True))
-    theta = np.array([known.get(number.name, number.start) for number in problem.numbers])
-    rest, slopes = whitened(
-        Coefficients(problem, range(len(problem.stretches)) if at is None else at), theta, now.spectra
-    )
-    mean, precision = prior_of(problem.numbers)
-    x, y = np.vstack([slopes, np.diag(precision)]), np.concatenate([rest, (theta - mean) * precision])
-    return x, y, [number.name for number in problem.numbers]
-
-
-def taken(base: Array, own: Array, y: Array) -> dict[int, float]:
-    """Nats that the first 1, 2, 4 ... columns of `own` take of y beside `base`; columns that have nothing of their own are left out."""
-    beside = own - base @ np.linalg.lstsq(base, own, rcond=1e-10)[0]
-    size, whole = np.linalg.norm(own, axis=0), np.zeros((len(y), 0))
-    for j in range(own.shape[1]):
-        column = beside[:, j] - whole @ (whole.T @ beside[:, j])
-        left = float(np.linalg.norm(column))
-        if left > OWN * size[j]:
-            whole = np.column_stack([whole, column / left])
-    nats = 0.5 * np.cumsum((whole.T @ y) ** 2)
-    return {m: float(nats[m - 1]) for k in range(len(nats)) if (m := min(2**k, len(nats)))}
-
-
 def fitted_with(
     problem: Problem,
     now: Fit,
@@ -227,24 +166,15 @@ def fitted_with(
     most_evaluations: int = 20,  # of a candidate's fit with one spectrum: it begins near its end, or has none
 ) -> Fit:
     """From the numbers there are."""
-    known = dict(zip(now.names, (float(value) for value in now.theta), strict=True)) | begin
+    theta = theta_of(problem, now)
+    names = [number.name for number in problem.numbers]
+    theta[[names.index(name) for name in begin]] = list(begin.values())
     return fit(
         problem,
-        begin=np.array([known.get(number.name, number.start) for number in problem.numbers]),
+        begin=theta,
         spectra=now.spectra,
         evaluations=most_evaluations,
     )
-
-
-def still(x: Array, y: Array, own: Sequence[int], at: Array) -> float:
-    """Nats of the numbers `own` where all numbers are fitted anew, to first order about `at` (Wald 1943); 0 for one without a size."""
-    if not own:
-        return 0.0
-    size = np.linalg.norm(x, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    covariance = np.linalg.pinv((x / size).T @ (x / size), hermitian=True, rcond=1e-10)
-    value = (at * size - covariance @ ((x / size).T @ y))[list(own)]
-    return 0.5 * float(value @ np.linalg.pinv(covariance[np.ix_(own, own)], hermitian=True) @ value)
 
 
 def screened(machine: Machine, chosen: Sequence[Any], now: Fit) -> list[tuple[float, Any]]:

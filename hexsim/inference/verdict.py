@@ -18,7 +18,6 @@ FALL = 1.0  # block errors by which the held-out error must fall
 GROWTH = 2.0  # block errors by which no channel's may grow
 END = 1e-3  # of a number's scale: at an end of its interval
 AT = 2.0  # errors within which a number cannot be told from a value
-SURE = 1.0  # spreads over bands and stretches that one amplitude must have: else it is as much another one as itself
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,10 +58,7 @@ def judge(
 ) -> Judgment:
     """tried: candidates that were compared. amplitude: numbers that are 0 where the effect is not there (none: it has no size)."""
     gains = after.density - before.density
-    errors: dict[str, tuple[float, float, float]] = {}
-    for c, name in enumerate(after.problem.channels):
-        if len(after.losses(c)):
-            errors[name] = (before.rms(c), after.rms(c), mean_over_error(before.losses(c) - after.losses(c)))
+    errors = errors_of(before, after)
     unsure = stand_in(fitted, amplitude) or replaced(fitted, before.fits)
     verdict, why = said(gains, errors, unsure, needed(tried))
     numbers = len(of_machine(fitted)) - len(of_machine(before.fits[0]))
@@ -78,6 +74,15 @@ def judge(
         verdict=verdict,
         why=why,
     )
+
+
+def errors_of(before: HeldOut, after: HeldOut) -> dict[str, tuple[float, float, float]]:
+    """Channel -> (rms before, rms after, t of the fall over blocks)."""
+    return {
+        name: (before.rms(c), after.rms(c), mean_over_error(before.losses(c) - after.losses(c)))
+        for c, name in enumerate(after.problem.channels)
+        if len(after.losses(c))
+    }
 
 
 def of_machine(fitted: Fit) -> list[str]:
@@ -116,14 +121,14 @@ def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: st
 
 
 def stand_in(fitted: Fit, amplitude: Sequence[str]) -> str:
-    """Why an effect is another one from band to band or run to run: no amplitude of it is SURE errors from 0, with its spread in them."""
+    """Why an effect may be another one, or none: no amplitude of it can be told from 0 by its error, its spread over bands and runs in
+    it."""
     unsure = ""
     for name in amplitude:
-        i = fitted.names.index(name)
-        if abs(fitted.theta[i]) > SURE * fitted.spread[i]:
+        value, error = fitted.value(name), fitted.error(name)
+        if abs(value) > AT * error:
             return ""
-        apart = f"{fitted.spread[i]:.2g} ({fitted.theta[i]:.3g} on the whole)"
-        unsure = f"{name} differs between bands or runs by {apart}: a stand-in for something else"
+        unsure = f"{name} cannot be told from 0: {value:.3g} +- {error:.2g} over bands and runs, a stand-in for something else"
     return unsure
 
 
@@ -161,43 +166,6 @@ def comes_to(other: Judgment, one: Judgment) -> bool:
         number.name not in one.fitted.names and min(x - number.low, number.high - x) < AT * error
         for number, x, error in numbers
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Remainder:
-    """What a free form takes at a place beside everything named, to first order. nats: by how many of its shapes are used. beside: what
-    every named effect then still takes."""
-
-    title: str
-    place: str
-    nats: dict[int, float]
-    beside: dict[str, float]
-
-    @property
-    def gain(self) -> float:
-        """Of the best choice of shapes, as motion held out would show it: every fitted number gains half a nat where it was fitted and
-        loses as much elsewhere (Akaike 1974)."""
-        return max((nats - count for count, nats in self.nats.items()), default=0.0)
-
-
-def with_open_form(steps: Sequence[Judgment], left: Sequence[Remainder]) -> list[Judgment]:
-    """Steps that are no names after all: a free form, a candidate as any other, would be named beside all of them: at the step's own
-    place, or elsewhere where it leaves nothing to the step."""
-    looks = sum(len(one.nats) for one in left)
-    doubted = []
-    for step in steps:
-        enough = needed(step.compared + looks)
-        clear = sorted((one for one in left if one.gain > enough), key=lambda one: -one.gain)
-        there = [one for one in clear if one.place == step.candidate.place]
-        instead = [one for one in clear if one.beside[step.title] < enough]
-        if there:
-            why = f"beside it {there[0].title} gains another {there[0].gain:.0f} nats: its form is open"
-        elif instead:
-            why = f"beside {instead[0].title} it takes {instead[0].beside[step.title]:.1f} nats: a stand-in"
-        else:
-            continue
-        doubted.append(replace(step, verdict="likely", why=why))
-    return doubted
 
 
 def changing(fitted: Fit) -> list[str]:

@@ -196,6 +196,7 @@ class EffectRow(Section):
     over: list[str] = Field(default_factory=list, max_length=2)
     corners: int = Field(default=5, ge=3, le=20)
     rival: bool = False
+    even: bool = False
     memory: MemoryTable | None = None
     parameters: dict[str, EffectNumber] = Field(default_factory=dict, max_length=MOST)
     source: str = ""

@@ -45,7 +45,8 @@ class Sizes:
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
     """An effect at one place of a model. formulas: as FORMULAS. numbers: names -> what is searched. corners: of its curve, on
-    each side. shape: tells tries apart. unchanged: how what it becomes begins, + and what it adds."""
+    each side, over these signals. shape: tells tries apart. unchanged: how what it becomes begins, + and what it adds. even: the same in
+    both directions of `on`."""
 
     name: str
     on: str
@@ -61,6 +62,8 @@ class Candidate:
     corners: tuple[int, ...] = ()
     shape: str = ""
     unchanged: str = ""
+    over: tuple[str, ...] = ()
+    even: bool = False
 
     @property
     def title(self) -> str:
@@ -85,8 +88,40 @@ class Candidate:
             return np.eye(len(self.amplitude))
         sides = [np.linalg.qr(np.vander(np.linspace(-1, 1, n), increasing=True))[0] for n in self.corners]
         whole = sides[0] if len(sides) == 1 else np.kron(sides[0], sides[1])
-        degree = np.sum(np.indices(self.corners), axis=0).ravel()
-        return whole[:-1, np.argsort(degree, kind="stable")[1:]]
+        return whole[:-1, self.order]
+
+    @property
+    def order(self) -> Array:
+        """Of the polynomials over the corners: the smooth ones first."""
+        return np.argsort(np.sum(np.indices(self.corners), axis=0).ravel(), kind="stable")[1:]
+
+    @property
+    def signals(self) -> set[str]:
+        """Names in its formulas and its curve, and the direction of friction that holds at rest."""
+        own = self.names_in([*self.formulas.values(), *([self.curve[1]] if self.curve else [])])
+        return own | ({self.on} if "forwards" in self.formulas else set())
+
+    def names_in(self, texts: Iterable[str]) -> set[str]:
+        """All but its numbers."""
+        return set().union(*(names_of(tree_of(text, self.title)) for text in texts)) - set(self.numbers)
+
+    def shapes_like(self, effect: Candidate) -> Array:
+        """Which shapes of this free form are of an effect's kind: at its place, over its signals alone, and of an even one even. Any is
+        of one that remembers, or that is a constant."""
+        count = self.shapes.shape[1]
+        if self.has_memory or self.place != effect.place:
+            return np.zeros(count, dtype=bool)
+        if effect.has_memory or not effect.signals or self.curve is None:
+            return np.ones(count, dtype=bool)
+        factor = self.names_in(self.formulas.values()) - {self.curve[0]}
+        alike, turns = np.full(count, factor <= effect.signals), np.full(count, self.on in factor, dtype=int)
+        for name, axis in zip(self.over, np.indices(self.corners), strict=True):
+            degree = axis.ravel()[self.order]
+            alike &= (degree == 0) | (self.names_in([name]) <= effect.signals)
+            turns += degree * (name == self.on)
+        if effect.even:
+            alike &= turns % 2 == 0
+        return alike
 
     @property
     def has_memory(self) -> bool:
@@ -219,13 +254,11 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
     output = tables.outputs.get(on) if row.what == "output" else None
     braces["{y}"] = f"({output.formula})" if output else on
     rename = {key: key + tag for key in row.parameters}
-    numbers, amplitude, curve = {}, [], ""
+    numbers, amplitude, curve, over = {}, [], "", []
     for k, (key, number) in enumerate(row.parameters.items()):
         if key == "curve" or row.over:
-            over = row.over or ["{place}"]
-            spans = [
-                (braces.get(one, on), *((sizes.C, sizes.H) if one == "{x}" else (sizes.M, sizes.P))) for one in over
-            ]
+            over = [braces.get(one, on) for one in row.over or ["{place}"]]
+            spans = [(one, *(span_of(sizes) if one == on and state else (sizes.M, sizes.P))) for one in over]
             curve, more = curve_of(rename[key], spans, number, sizes, row.corners)
             numbers |= more
             amplitude += list(more)
@@ -270,8 +303,15 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
         curve=(named, curve) if curve else None,
         rival=row.rival,
         corners=(row.corners,) * max(len(row.over), 1),
+        over=tuple(over),
+        even=row.even,
     )
     return [base, *tried(row, base, rename, sizes)]
+
+
+def span_of(sizes: Sizes) -> tuple[float, float]:
+    """(middle, half) of a state itself: about 0 where it has two signs."""
+    return (0.0, abs(sizes.C) + sizes.H) if abs(sizes.C) < sizes.H else (sizes.C, sizes.H)
 
 
 def tried(row: EffectRow, base: Candidate, rename: Mapping[str, str], sizes: Sizes) -> list[Candidate]:

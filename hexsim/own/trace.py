@@ -88,7 +88,7 @@ def said(found: Found, formula: Formula | None) -> str:
     """The verdict in a sentence."""
     stand_ins = {one.title for one in found.in_model} - {step.title for step in found.steps}
     likely = [
-        one.title + (" (in the model, its form is open)" if one.title in stand_ins else "")
+        one.title + (" (in the model, a stand-in)" if one.title in stand_ins else "")
         for one in found.refused
         if one.verdict == "likely"
     ]
@@ -101,6 +101,8 @@ def said(found: Found, formula: Formula | None) -> str:
         parts.append(f"formula beyond the library: {formula.best.title} ({stated('formula')})")
     elif formula is not None:
         parts.append(f"no form: {formula.why}")
+    if found.steps and found.left and not (formula is not None and formula.proven):
+        parts.append(found.left)
     return "; ".join([*parts, *([f"likely, not proven: {', '.join(likely[:2])}"] if likely else [])])
 
 

@@ -11,7 +11,7 @@ from hexsim.inference.held_out import held_out
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
 from hexsim.inference.spectrum import spectrum_of
-from hexsim.inference.verdict import changing
+from hexsim.inference.verdict import changing, stand_in
 
 N, RUNS = 600, 4
 
@@ -106,7 +106,11 @@ class One:
     title: str
     place: str = "a"
     has_memory: bool = False
+    kind: str = ""
     shapes = np.eye(1)
+
+    def shapes_like(self, effect):
+        return np.array([self.place == effect.place and self.kind == effect.kind])
 
     @property
     def amplitude(self):
@@ -120,11 +124,11 @@ class One:
 class Columns:
     """a is declared; b and c are offered, and cubic as a free form at their place."""
 
-    def __init__(self, rng, b=0.0, cubic=0.0, form_at="a"):
+    def __init__(self, rng, b=0.0, cubic=0.0, form_at="a", kind=""):
         self.x = [columns(rng) for _ in range(RUNS)]
         self.x = [np.column_stack([one, one[:, 1] ** 3]) for one in self.x]
         self.y = [one @ [1.0, b, 0.0, cubic] + 0.3 * coloured(rng) for one in self.x]
-        self.offered, self.free = [One("b"), One("c")], [One("cubic", place=form_at)]
+        self.offered, self.free = [One("b"), One("c")], [One("cubic", place=form_at, kind=kind)]
 
     def problem(self, chosen):
         names = ["a", *(one.title for one in chosen)]
@@ -155,6 +159,28 @@ def test_a_name_beside_which_something_is_left_is_no_name():
         assert any(why in one.why for one in found.refused if one.title == "b")
     both = search(Columns(np.random.default_rng(5), b=1.0, cubic=0.2, form_at="elsewhere"))
     assert [step.title for step in both.steps] == ["b"]
+
+
+def test_what_is_of_another_kind_is_left_beside_a_name():
+    """A cube of another kind than b, at its place: b is named, and what is left is said with its held-out error. Where b is not in the
+    machine it takes nothing beside the cube, and is a stand-in."""
+    both = search(Columns(np.random.default_rng(5), b=1.0, cubic=0.2, kind="other"))
+    assert [step.title for step in both.steps] == ["b"]
+    assert both.left.startswith("left beside it: cubic, ") and "held-out error of y" in both.left
+    cube = search(Columns(np.random.default_rng(5), cubic=0.2, kind="other"))
+    assert cube.steps == []
+    assert any(one.why.endswith("a stand-in") for one in cube.refused if one.title == "b")
+    assert search(Columns(np.random.default_rng(4), b=0.4)).left == ""
+
+
+def test_a_size_that_cannot_be_told_from_nothing_is_no_name():
+    """1.0 in three runs and -1.5 in one: held-out motion gains, and the number is within two of its errors from 0."""
+    rng = np.random.default_rng(7)
+    x = [columns(rng) for _ in range(8)]
+    y = [one @ [1.0, -1.5 if k % 4 == 3 else 1.0, 0.0] + 0.3 * coloured(rng) for k, one in enumerate(x)]
+    made = fit(Linear("abc", x, y))
+    assert abs(made.value("b")) < 2.0 * made.error("b")
+    assert stand_in(made, "b").startswith("b cannot be told from 0") and stand_in(made, "a") == ""
 
 
 def test_one_group_cannot_be_held_out():
