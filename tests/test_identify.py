@@ -313,12 +313,12 @@ def test_the_designed_motion_is_measured_and_fitted_on(served, tmp_path, told_tr
 
 
 @pytest.mark.parametrize(("information", "runs"), [(0.69, True), (0.3, False), (float("-inf"), False)])
-def test_an_unexplained_machine_is_measured_again_while_that_tells_something(information, runs):
-    """Without a hypothesis: a run that halves the variances is worth it, one that leaves 0.86 of the errors is not; of an
-    explained machine neither is."""
+def test_a_machine_with_more_than_noise_left_is_measured_again_while_that_tells_something(information, runs):
+    """Unexplained or partly explained: a run that halves the variances is worth it, one that leaves 0.86 of the errors is not; of
+    an explained machine neither is."""
     design = {"separations": [], "numbers": [], "information": information}
-    assert rounds.worth_a_run(design, unexplained=True) == runs
-    assert not rounds.worth_a_run(design, unexplained=False)
+    assert rounds.worth_a_run(design, more_is_left=True) == runs
+    assert not rounds.worth_a_run(design, more_is_left=False)
 
 
 @pytest.mark.slow
@@ -506,15 +506,16 @@ def test_the_page_says_what_a_partly_explained_machine_keeps(tmp_path):
     """The rest that has no name stands beside the verdict and in the round's line; the verdict is said once; a bump that is no
     smaller is no 1/1."""
     found = {"name": "valve_hysteresis", "where": "leg 1", "parameters": {"half_width_V": 0.026}}
+    left = (rounds.BESIDE,)
     only = Round(
-        number=1, purpose="a rich motion", log="round_1", verdict="partly", sentences=(), effects=[found], error={}
+        number=1, purpose="a rich motion", log="round_1", verdict="partly", sentences=left, effects=[found], error={}
     )
-    ended = "partly: nothing is left to be told apart, and every number is sharp"
+    ended = "no motion tells more"
     story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended=ended)
     page = write_story(story).read_text(encoding="utf-8")
     assert "What the declared machine is missing: valve hysteresis (partly: a residual without a name remains)." in page
-    assert "It ended because: nothing is left to be told apart" in page
-    assert "no number; a rest that no effect names" in page
+    assert f"It ended because: {ended}" in page
+    assert rounds.BESIDE in page
     for after, words in ((0.454, "no smaller"), (0.2, "44%"), (0.04, "1/11")):
         both = SimpleNamespace(before=0.453, after=after)
         assert bump.Bump.share.fget(both).startswith(words)
@@ -527,6 +528,19 @@ def test_a_leg_that_does_not_follow_is_refused():
         with pytest.raises(HexsimError, match="position_m does not follow"):
             check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
     check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
+
+
+def test_what_is_left_beside_names_asks_for_a_run():
+    """Of a partly explained machine whose numbers are sharp the rest is open; of an explained one nothing is."""
+    own = SimpleNamespace(name="leak", parameters=(SimpleNamespace(name="g", of_the_file=False, neutral=0.0, bounds=(0.0, 1.0)),))
+    leak = SimpleNamespace(
+        candidate=SimpleNamespace(label="leak", effect=own), apart=(), values={"g": 2e-12}, standard_errors={"g": 1e-14}
+    )
+    known = {"predicted": (), "effects": [leak]}
+    assert rounds.open_points(SimpleNamespace(verdict="explained", **known)) == []
+    assert rounds.open_points(SimpleNamespace(verdict="partly", **known)) == [rounds.BESIDE]
+    leak.standard_errors["g"] = 3e-13
+    assert rounds.open_points(SimpleNamespace(verdict="partly", **known)) == [rounds.BESIDE, "g of leak is known to 15 %"]
 
 
 def test_what_follows_a_signal_at_the_noise_is_said():

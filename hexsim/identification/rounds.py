@@ -43,6 +43,7 @@ from hexsim.tracing.trace import trace
 Array = NDArray[np.float64]
 Show = Callable[[str, float], None]
 LOWERING = "lowering the machine"
+BESIDE = "beside the named effects more than noise is left"
 
 
 def identify(
@@ -203,7 +204,7 @@ def _rounds(
             )
             return
         design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False, largest=largest)
-        if not worth_a_run(design.to_json(), result.verdict == "unexplained"):
+        if not worth_a_run(design.to_json(), result.verdict in ("unexplained", "partly")):
             why = design.purpose if design.purpose.startswith("no motion") else "; ".join(open_points(result))
             story.ended = f"no motion inside the machine's limits tells more: {why}"
             return
@@ -278,6 +279,8 @@ def open_points(result: Trace) -> list[str]:
     elif result.verdict == "unexplained":
         labels = [label for label, _ in surviving(result)]
         found.append(" or ".join(labels) if len(labels) > 1 else "the rest is unexplained")
+    elif result.verdict == "partly":
+        found.append(BESIDE)
     for effect in result.effects:
         if effect.apart:
             found.append(" or ".join((effect.candidate.label, *effect.apart)))
@@ -288,12 +291,12 @@ def open_points(result: Trace) -> list[str]:
     return found
 
 
-def worth_a_run(design: dict[str, Any], unexplained: bool) -> bool:
-    """Does a design promise to separate something, to sharpen a number that is not sharp, or, of an unexplained machine
-    without a hypothesis, to know its declared numbers better on average? What hides beside them then shows."""
+def worth_a_run(design: dict[str, Any], more_is_left: bool) -> bool:
+    """Does a design promise to separate something, to sharpen a number that is not sharp, or, of a machine of which more than
+    noise is left, to know its declared numbers better on average? What hides beside them then shows."""
     if any(pair.get("chi2", 0.0) > 10.0 or pair.get("separated", False) for pair in design["separations"]):
         return True
-    if unexplained and np.exp(-0.5 * design["information"]) < NO_GAIN:
+    if more_is_left and np.exp(-0.5 * design["information"]) < NO_GAIN:
         return True
     return any(
         number["expected"] < NO_GAIN * number["standard_error"]

@@ -177,8 +177,7 @@ def why_ended(story: Story) -> str:
 
 def left_open(story: Story) -> list[str]:
     """What each round has left open, in words."""
-    rest = {"partly": "no number; a rest that no effect names"}
-    return ["; ".join(one.sentences) or rest.get(one.verdict, "nothing") for one in story.rounds]
+    return ["; ".join(one.sentences) or "nothing" for one in story.rounds]
 
 
 def headline(story: Story) -> str:
