@@ -532,7 +532,9 @@ def test_a_leg_that_does_not_follow_is_refused():
 
 def test_what_is_left_beside_names_asks_for_a_run():
     """Of a partly explained machine whose numbers are sharp the rest is open; of an explained one nothing is."""
-    own = SimpleNamespace(name="leak", parameters=(SimpleNamespace(name="g", of_the_file=False, neutral=0.0, bounds=(0.0, 1.0)),))
+    own = SimpleNamespace(
+        name="leak", parameters=(SimpleNamespace(name="g", of_the_file=False, neutral=0.0, bounds=(0.0, 1.0)),)
+    )
     leak = SimpleNamespace(
         candidate=SimpleNamespace(label="leak", effect=own), apart=(), values={"g": 2e-12}, standard_errors={"g": 1e-14}
     )
@@ -540,7 +542,10 @@ def test_what_is_left_beside_names_asks_for_a_run():
     assert rounds.open_points(SimpleNamespace(verdict="explained", **known)) == []
     assert rounds.open_points(SimpleNamespace(verdict="partly", **known)) == [rounds.BESIDE]
     leak.standard_errors["g"] = 3e-13
-    assert rounds.open_points(SimpleNamespace(verdict="partly", **known)) == [rounds.BESIDE, "g of leak is known to 15 %"]
+    assert rounds.open_points(SimpleNamespace(verdict="partly", **known)) == [
+        rounds.BESIDE,
+        "g of leak is known to 15 %",
+    ]
 
 
 def test_what_follows_a_signal_at_the_noise_is_said():

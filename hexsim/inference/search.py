@@ -15,7 +15,7 @@ from hexsim.inference.held_out import HeldOut
 from hexsim.inference.likelihood import Fit, fit
 from hexsim.inference.notebook import Notebook
 from hexsim.inference.remainder import Forms, beside_names, looked_at, remainders, theta_of, with_open_form
-from hexsim.inference.verdict import Judgment, judge, needed, with_ties
+from hexsim.inference.verdict import Judgment, judge, needed, with_ties, without_size
 
 Array = np.ndarray
 MOST_TRIED = 9  # candidates that are fitted in a round at most
@@ -116,7 +116,10 @@ def search(
         keep(known([one for one in judged if one is not best]))
     steps, now, held = pruned(machine, steps, now, held, notes)
     left = remainders(machine, [step.candidate for step in steps], now) if steps else []
-    doubted = {one.title: one for one in (*without_rival(machine, steps, held, notes), *with_open_form(steps, left))}
+    no_names = (*without_rival(machine, steps, held, notes), *with_open_form(steps, left))
+    if left:  # the terms of a balance, which its file names, may trade: that is said
+        no_names = (*without_size(steps, now), *no_names)
+    doubted = {one.title: one for one in no_names}
     return replace(known(refused), left=beside_names(left))
 
 

@@ -18,6 +18,7 @@ FALL = 1.0  # block errors by which the held-out error must fall
 GROWTH = 2.0  # block errors by which no channel's may grow
 END = 1e-3  # of a number's scale: at an end of its interval
 AT = 2.0  # errors within which a number cannot be told from a value
+SURE = 1.0  # spreads over bands and stretches that one amplitude must have: else it is as much another one as itself
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,15 +122,28 @@ def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: st
 
 
 def stand_in(fitted: Fit, amplitude: Sequence[str]) -> str:
-    """Why an effect may be another one, or none: no amplitude of it can be told from 0 by its error, its spread over bands and runs in
-    it."""
+    """Why an effect is another one from band to band or run to run: no amplitude of it is SURE errors from 0, with its spread in them."""
     unsure = ""
     for name in amplitude:
-        value, error = fitted.value(name), fitted.error(name)
-        if abs(value) > AT * error:
+        i = fitted.names.index(name)
+        if abs(fitted.theta[i]) > SURE * fitted.spread[i]:
             return ""
-        unsure = f"{name} cannot be told from 0: {value:.3g} +- {error:.2g} over bands and runs, a stand-in for something else"
+        apart = f"{fitted.spread[i]:.2g} ({fitted.theta[i]:.3g} on the whole)"
+        unsure = f"{name} differs between bands or runs by {apart}: a stand-in for something else"
     return unsure
+
+
+def without_size(steps: Sequence[Judgment], final: Fit) -> list[Judgment]:
+    """Steps that are no names after all: in the final model none of their amplitudes can be told from 0. Before it, what is still missing
+    spreads them."""
+    doubted = []
+    for step in steps:
+        sizes = [(name, final.value(name), final.error(name)) for name in step.candidate.amplitude]
+        if sizes and all(abs(value) < AT * error for _, value, error in sizes):
+            name, value, error = sizes[0]
+            why = f"{name} cannot be told from 0: {value:.3g} +- {error:.2g} over bands and runs, a stand-in"
+            doubted.append(replace(step, verdict="likely", why=why))
+    return doubted
 
 
 def replaced(fitted: Fit, before: Sequence[Fit]) -> str:

@@ -11,7 +11,7 @@ from hexsim.inference.held_out import held_out
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
 from hexsim.inference.spectrum import spectrum_of
-from hexsim.inference.verdict import changing, stand_in
+from hexsim.inference.verdict import changing, without_size
 
 N, RUNS = 600, 4
 
@@ -121,6 +121,15 @@ class One:
         return {}
 
 
+@dataclass(frozen=True)
+class Step:
+    """What a judgment says of a candidate."""
+
+    candidate: One
+    verdict: str = "named"
+    why: str = ""
+
+
 class Columns:
     """a is declared; b and c are offered, and cubic as a free form at their place."""
 
@@ -174,13 +183,15 @@ def test_what_is_of_another_kind_is_left_beside_a_name():
 
 
 def test_a_size_that_cannot_be_told_from_nothing_is_no_name():
-    """1.0 in three runs and -1.5 in one: held-out motion gains, and the number is within two of its errors from 0."""
+    """1.0 in three quarters of the runs and -1.2 in one: held-out motion gains, and in the final model the number is within two of its
+    errors from 0. One that all runs share is a name."""
     rng = np.random.default_rng(7)
     x = [columns(rng) for _ in range(8)]
-    y = [one @ [1.0, -1.5 if k % 4 == 3 else 1.0, 0.0] + 0.3 * coloured(rng) for k, one in enumerate(x)]
+    y = [one @ [1.0, -1.2 if k % 4 == 3 else 1.0, 0.0] + 0.3 * coloured(rng) for k, one in enumerate(x)]
     made = fit(Linear("abc", x, y))
-    assert abs(made.value("b")) < 2.0 * made.error("b")
-    assert stand_in(made, "b").startswith("b cannot be told from 0") and stand_in(made, "a") == ""
+    assert made.value("b") < 2.0 * made.error("b")
+    [none] = without_size([Step(candidate=One(name)) for name in "ab"], made)
+    assert none.candidate.title == "b" and none.why.startswith("b cannot be told from 0")
 
 
 def test_one_group_cannot_be_held_out():
