@@ -3,9 +3,8 @@
     python benchmarks/own_calibration.py --first 22057 --count 50
 
 Drives and tanks, written apart from hexsim's equations: numbers, motion, noise, process disturbance and the missing effect are drawn from
-the seed. A third lacks nothing, a third an effect of the library, a third an effect that the library does not have. Seeds below 20000
-were used while the inference was written; 20000 to 20039, 21000 to 21058
-and 22001 to 22014 were looked at, 22015 to 22055 scored once; from 22057 on they are sealed.
+the seed. A third lacks nothing, a third an effect of the library, a third an effect that the library does not have. Seeds to 22087 were
+looked at while the inference was written; from 22088 on they are scored once.
 """
 
 from __future__ import annotations
@@ -106,7 +105,7 @@ FORMULA = {
 JOURNAL = Path(__file__).parent / "results" / "own_calibration.jsonl.gz"
 FORMULAS = JOURNAL.with_name("own_formulas.jsonl.gz")
 STATED = Path(__file__).parents[1] / "hexsim" / "own" / "calibration.toml"
-SEALED = 22_015  # seeds from here on: not looked at while the inference was written
+SEALED = 22_088  # seeds from here on: not looked at while the inference was written
 SEALED_FORMULAS = 41_016
 
 

@@ -3,7 +3,7 @@
 A formula has a length [nats], the log of how many there are of its size: it is a candidate among exp(length) compared ones. A linear
 look ranks all of them; the best are fitted and held out; the look is repeated about the best fit, where it is sharp, until it shows
 nothing that was not fitted. A formula stands if nothing else comes near: no other formula, no effect of the library, and beside it no
-free form and no memory at its place. Names that a formula alone beats are none.
+free form and no memory at its place. Names that a formula alone beats are none, unless the form of the formula is open, too.
 """
 
 from __future__ import annotations
@@ -63,14 +63,15 @@ class Machine(Forms, Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Formula:
-    """best: the likeliest formula. rivals: titles of what is as likely. why: no form, if not empty. instead: it predicts better than all
-    names together."""
+    """best: the likeliest formula. rivals: titles of what is as likely. why: no form, if not empty. open: it would be no name itself.
+    instead: it predicts better than all names together."""
 
     best: Judgment
     form: Any
     rivals: list[str]
     why: str
     fitted: list[Judgment]
+    open: bool = False
     instead: bool = False
 
     @property
@@ -117,7 +118,9 @@ def formula_of(
         if instead is not None:
             near = max(score_of(one) for _, one in instead.judged) < least + needed(1)
             names = (" + ".join(one.title for one in chosen), math.inf)
-            return replace(settled(machine, ground, instead, [names] if near else []), instead=True)
+            made = settled(machine, ground, instead, [names] if near else [])
+            if not made.open:
+                return replace(made, instead=True)
     now, held = proven(machine, found, chosen, notes)
     ground = ground_of(found, chosen, now, held)
     judged = sought(machine, ground, notes, tell, needed(1))
@@ -255,6 +258,7 @@ def settled(machine: Machine, ground: Ground, made: Sought, library: list[tuple[
     form, best = min(near, key=lambda pair: (pair[1].count, -score_of(pair[1])))
     rivals = [one.title for own, one in near if one is not best and not same(own, one, best)]
     rivals += [title for title, nats in library if best.nats - nats < needed(1)]
+    doubted = with_open_form([best], remainders(machine, [*ground.chosen, best.candidate], best.fitted))
     why = ""
     if rivals:
         why = f"{best.title} and {rivals[0]} are as likely"
@@ -262,11 +266,10 @@ def settled(machine: Machine, ground: Ground, made: Sought, library: list[tuple[
         why = f"{best.title} is the likeliest: {best.why}"
     elif not made.ended:
         why = f"{best.title} is the likeliest of {len(made.judged)} that were fitted, and others come near"
-    else:
-        with_it = [*ground.chosen, best.candidate]
-        doubted = with_open_form([best], remainders(machine, with_it, best.fitted))
-        why = f"{best.title} is the likeliest: {doubted[0].why}" if doubted else ""
-    return Formula(best=best, form=form, rivals=rivals, why=why, fitted=[one for _, one in made.judged])
+    elif doubted:
+        why = f"{best.title} is the likeliest: {doubted[0].why}"
+    fitted = [one for _, one in made.judged]
+    return Formula(best=best, form=form, rivals=rivals, why=why, fitted=fitted, open=bool(doubted) or not best.named)
 
 
 def library(found: Found, ground: Ground) -> list[tuple[str, float]]:

@@ -1,6 +1,7 @@
 """The one inference on linear problems of numpy: honest errors under a coloured residual, names by held-out motion, stand-ins seen."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -190,7 +191,8 @@ def test_a_size_that_cannot_be_told_from_nothing_is_no_name():
     y = [one @ [1.0, -1.2 if k % 4 == 3 else 1.0, 0.0] + 0.3 * coloured(rng) for k, one in enumerate(x)]
     made = fit(Linear("abc", x, y))
     assert made.value("b") < 2.0 * made.error("b")
-    [none] = without_size([Step(candidate=One(name)) for name in "ab"], made)
+    steps: Any = [Step(candidate=One(name)) for name in "ab"]
+    [none] = without_size(steps, made)
     assert none.candidate.title == "b" and none.why.startswith("b cannot be told from 0")
 
 
