@@ -162,7 +162,12 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
         lines.append(
             f"| | {one['verdict']} | {one['effect']}: held-out parts {errors}, {one['nats']:.0f} nats; {one['why']} |"
         )
-    return [figures], lines
+    left = [
+        part.removeprefix("left beside it: ")
+        for part in report["verdict"].split("; ")
+        if part.startswith("left beside it")
+    ]
+    return [figures], [*lines, *(f"| | left beside it | {part} |" for part in left)]
 
 
 def wrong_names() -> str:
