@@ -1,9 +1,11 @@
 """Hidden machines behind their packets, each identified from its declaration; what came of it, one JSON line a machine.
 
     python benchmarks/hidden_machines.py leak clean rough hexapod fault lying_rate loss --out runs/hidden
+    python benchmarks/hidden_machines.py --coverage benchmarks/results/next_measurement.jsonl.gz
 
 Each machine serves in a process of its own with numbers drawn inside its [uncertainty] and with what nobody has declared.
-A case whose line is in the file is not run again; one that was interrupted goes on where it ended.
+A case whose line is in the file is not run again; one that was interrupted goes on where it ended. --coverage: of the numbers of
+right names that are called sharp (known to 10 %), how many are within 2 of their errors of the truth.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed, number_at
 from hexsim.motion_computer.telemetry import unpack_telemetry
 from hexsim.simulation.serve import Server
+from hexsim.tracing.design.information import SHARP
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "tracing"))
 LEAK = {"effects.leakage_supply_to_chamber.conductance_m3_s_Pa": 2.0e-12}
@@ -219,13 +222,39 @@ def run_one(name: str, minutes: float, out: Path, compensate: bool) -> dict[str,
     return line | {"wall_s": round(time.perf_counter() - began)}
 
 
+def coverage(journal: Path) -> list[str]:
+    """Of clean and rough machines, after the first trace and after the designed run: a line each."""
+    sys.path.append(str(Path(__file__).parent))
+    from journal import lines_of
+    from rough_machines import number_of
+    from tracing_evaluation import RIGHT
+
+    found: dict[str, list[bool]] = {}
+    for row in lines_of(journal):
+        for stage in ("first", "designed"):
+            for name, values, errors, *_ in (row.get(stage) or {}).get("named", []):
+                size = next(iter(values))
+                value, error = values[size], errors.get(size) or np.inf
+                if name in RIGHT.get(row["effect"], ()) and error <= SHARP * abs(value):
+                    true = number_of(row["effect"], row["effects"][row["effect"]])
+                    kind = f"{'rough' if row['rough'] else 'clean'}, {stage}"
+                    found.setdefault(kind, []).append(abs(value - true) < 2.0 * error)
+    return [f"{kind}: {sum(own)} of {len(own)} sharp numbers within 2 errors" for kind, own in sorted(found.items())]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cases", nargs="+", choices=list(CASES))
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(CASES))
+    parser.add_argument("--coverage", type=Path, help="count in this journal, and end")
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--compensate", action="store_true")
     parser.add_argument("--out", type=Path, default=Path("runs/hidden"))
     options = parser.parse_args()
+    if options.coverage:
+        print("\n".join(coverage(options.coverage)))
+        return
+    if unknown := set(options.cases) - set(CASES):
+        parser.error(f"no such case: {', '.join(sorted(unknown))}")
     options.out.mkdir(parents=True, exist_ok=True)
     results = options.out / "hidden.jsonl"
     known = [json.loads(text) for text in results.read_text().splitlines()] if results.is_file() else []
