@@ -71,7 +71,9 @@ def load_pressures(context, loop, k):
     """p = P1 - P2 A2/A1 (n_legs,) as it is read at tick k [Pa]."""
     load = pressures(context, loop.bottom, loop.bottom_places, k)
     if loop.top_places.shape[0] > 0:
-        load -= loop.control.rows[:, C.AREA_RATIO] * pressures(context, loop.top, loop.top_places, k)
+        top = pressures(context, loop.top, loop.top_places, k)
+        for i in range(load.shape[0]):
+            load[i] -= loop.control.rows[i, C.AREA_RATIO] * top[i]
     return load
 
 
@@ -112,7 +114,7 @@ def plain_control(context, record, loop, k, load):
     sensor = loop.position
     measured = measure(record.positions[k], sensor.noise[k], sensor.gain, sensor.offset, sensor.resolution)
     if loop.control.rows[0, C.PRESSURE_GAIN] > 0.0:
-        load[:] = load_pressures(context, loop, k)
+        copy(load, load_pressures(context, loop, k))
     setpoint = loop.setpoints[k // loop.every]
     if k == 0:
         controller.begin(loop.control, loop.memory, setpoint, measured, load)
