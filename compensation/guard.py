@@ -1,5 +1,5 @@
-# pyright: reportPrivateImportUsage=false
-# (numba does not list its own functions)
+# pyright: reportPrivateImportUsage=false, reportCallIssue=false
+# (numba does not list its own functions, and intrinsics are called without their typing context)
 """What stands between any algorithm and the valve: detection of sensor and valve faults, bounds, and a way back.
 
 | condition | volts added |
@@ -337,7 +337,7 @@ def step_desk(guards, todo, reasons, desk, step):
     added = doubles(d.added_V, n)
     for i in range(n):
         acts[i], added[i] = todo[i] == ACTS, 0.0
-    call_tick(step, pointer(desk), STEP)  # pyright: ignore[reportCallIssue]
+    call_tick(step, pointer(desk), STEP)
     changed = accept_legs(guards, todo, added, doubles(d.forward_V, n), truths(d.finite, n), reasons)
     return all_act, changed
 
@@ -349,7 +349,7 @@ def share_desk(reasons, desk, step):
     acts = truths(d.acts, d.n)
     for i in range(d.n):
         acts[i] = acts[i] and reasons[i] == SOUND
-    call_tick(step, pointer(desk), SHARE)  # pyright: ignore[reportCallIssue]
+    call_tick(step, pointer(desk), SHARE)
 
 
 @dataclass(slots=True)
