@@ -172,9 +172,8 @@ class PositionLoop:
         self.compensation[:] = added
         asked += added
         self.ticks += 1
-        adds = added != 0.0
-        self.added_ticks += adds
-        self.first_s[adds & np.isnan(self.first_s)] = legs.time_s
+        self.added_ticks += added != 0.0
+        self._note_first(legs.time_s)
         if may_speak:
             self._note_status(legs.time_s)
         if self.together is None:
@@ -186,7 +185,13 @@ class PositionLoop:
         """What Python does beside a control tick in compiled code, at ticks that changed something."""
         if self.together is not None:
             self.together.follow()
+        self._note_first(time_s)
         self._note_status(time_s)
+
+    def _note_first(self, time_s: float) -> None:
+        """When each leg has first added volts."""
+        for i in np.flatnonzero((self.compensation != 0.0) & np.isnan(self.first_s)):
+            self.first_s[i] = time_s
 
     def _note_status(self, time_s: float) -> None:
         """Say what has changed of the compensators' status."""

@@ -3,7 +3,8 @@
 """A control tick of legs with compensators in compiled code: what `TickLoop._control` and `PositionLoop.tick` do, without Python.
 
 It is called at an address with one record, `TICK`, of sizes and of addresses of the run's arrays, so that the loop of ticks is compiled
-once for all algorithms. Python is asked for what is rare: a change of a guard's reason, and ticks at which a leg is held off.
+once for all algorithms. Python is asked for what is rare: a change of a guard's reason, ticks at which a leg is held off,
+and those at which a leg adds volts that is not yet noted in `PositionLoop.first_s`.
 """
 
 from __future__ import annotations
@@ -221,29 +222,28 @@ def control_tick(t, k):
     copy(doubles(d.valve_V, n), commanded)
     copy(doubles(d.bottom_Pa, n), pressures)
     copy(doubles(d.top_Pa, n), tops)
-    if not compensate(t, d, k, time_s, asked):
+    if not compensate(t, d, k, asked):
         return 1
     controller.send(control, memory, asked, commanded, doubles(t.valve, n))
     return 0
 
 
 @with_desk
-def compensate(t, d, k, time_s, asked):
+def compensate(t, d, k, asked):
     """As `PositionLoop._compensate`. Returns whether the run goes on."""
     n, reasons = t.n, integers(t.reasons, t.n)
     guards = carray(pointer(t.guards), (n,), GUARD)
     all_act, changed = step_desk(guards, integers(t.todo, n), reasons, t.desk, t.step)
     added, out = doubles(d.added_V, n), doubles(t.compensation, n)
-    counts, first_s = integers(t.added_ticks, n), doubles(t.first_s, n)
+    counts, first_s, first = integers(t.added_ticks, n), doubles(t.first_s, n), False
     for i in range(n):
         out[i] = added[i] * t.share
         asked[i] += out[i]
         if out[i] != 0.0:
             counts[i] += 1
-            if math.isnan(first_s[i]):
-                first_s[i] = time_s
+            first = first or math.isnan(first_s[i])
     integers(t.ticks, 1)[0] += 1
-    follows = changed or not (all_act and t.had_all)
+    follows = changed or first or not (all_act and t.had_all)
     t.had_all = all_act
     if follows and call_control(t.follow, t.follow, k) != 0:
         return False
