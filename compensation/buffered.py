@@ -1,46 +1,59 @@
+# pyright: reportPrivateImportUsage=false
+# (numba does not list its own functions)
 """The report's second algorithm (5.5, appendix C): parameters computed from buffers; and its chapter 6 form."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
+from numba import carray
 
-from .compensator import Compensator, Context, Parameters, Sample, all_finite, clip
+from .arithmetic import clip
+from .compensator import Context, Parameters
+from .compiled import compiled, compiled_callback
+from .desk import LEGS, STEP, TICK, doubles, rows, truths
 from .iterative import ZERO_VELOCITY_M_S
 from .learned_parameters import beyond_volts
-from .report_functions import FUNCTIONS, MOST_RANGES, RANGE, check_function
-from .velocity_estimate import VelocityEstimate
+from .report_functions import MOST_RANGES, RANGE, check_function, compensation_V
+from .rows import RowCompensator, RowState, V, all_are_finite, estimate_velocity, start_estimate
 
 
-@dataclass(slots=True)
-class Curve:
-    """Parameters of one compensation curve: those last computed, and those in use, which follow them smoothly."""
+class B(IntEnum):
+    """Places in a row."""
 
-    target: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a [V], q [V], r [V]
-    active: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    FUNCTION = 0  # 1 or 2
+    RANGE = 1  # b q of it
+    REPORT = 2  # 1: the report's form
+    CURVES = 3  # 1 or 2
+    FILTER = 4  # share of the buffers' low pass, a tick
+    SLOPE = 5  # s [m/s/V]; 0: estimated
+    A_MAX = 6
+    Q_START = 7
+    SHARE = 8
+    RATE = 9  # by which parameters follow, a tick
+    LIMIT = 10  # [V]
+    COUNT = 11  # of samples in the buffers; what is learned begins here
+    BLEND = 12  # 0 curve of negative, 1 of positive acceleration
+    LINE = 13  # 1: there is one; slope s and crossing q of the desired linear valve behind it
+    FILTERS = 16  # valve's volts (report form: control volts), velocity, control volts, sign of the acceleration
+    EXTREMES = 20  # max, min of velocity and control volts
+    ZEROS = 24  # of each side: sum of volts while the velocity is near 0, and their number
+    CURVE = 28  # of each: a [V], q [V], r [V] last computed, and those in use, which follow them smoothly
+    ESTIMATE = 40
+    BUFFER = 53  # UV, UC and the side of each sample (corrected form: total volts, velocity)
 
 
-@dataclass(slots=True)
-class BufferedState:
-    context: Context
-    estimate: VelocityEstimate
-    curves: list[Curve]  # one, or two: for negative and for positive acceleration
-    valve_V: list[float] = field(default_factory=list)  # UV of the report (corrected form: total volts)
-    other: list[float] = field(default_factory=list)  # UC of the report (corrected form: velocity)
-    side: list[int] = field(default_factory=list)  # which curve a sample belongs to
-    zero_V: list[list[float]] = field(default_factory=lambda: [[], []])  # UY: volts while the velocity is near 0
-    filters: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0, 0.0])
-    extremes: list[float] = field(default_factory=lambda: [0.0] * 4)
-    line: tuple[float, float] | None = None  # slope s and crossing q of the desired linear valve
-    blend: float = 0.0  # 0 curve of negative, 1 of positive acceleration
-    updates: int = 0
+OF_A_CURVE = 6
+assert (B.ESTIMATE, B.BUFFER) == (B.CURVE + 2 * OF_A_CURVE, B.ESTIMATE + V.END)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Buffered(Compensator):
+class Buffered(RowCompensator):
     """Function of Eq. 5.2 or 5.3, its parameters computed from buffers of 3 s, then faded in.
 
     Report form: a = max of the filtered, weighted u - v/s, b = 1/max|u|, c = b mean(u at v = 0). a and b may only
@@ -79,117 +92,29 @@ class Buffered(Compensator):
         if self.form not in ("report", "corrected"):
             raise ValueError(f"form '{self.form}' does not exist; choose report or corrected")
 
-    def start(self, context: Context) -> BufferedState:
-        curves = [Curve() for _ in range(2 if self.two_sided else 1)]
-        return BufferedState(context, VelocityEstimate(context.rate_Hz, self.velocity_bandwidth_Hz), curves)
+    def new_row(self, context: Context) -> np.ndarray:
+        length, tick = round(self.buffer_s * context.rate_Hz), context.tick_s
+        row = np.zeros(B.BUFFER + 3 * length)
+        row[B.FUNCTION], row[B.RANGE], row[B.REPORT] = self.function, RANGE[self.function], self.form == "report"
+        row[B.CURVES], row[B.SLOPE] = 2 if self.two_sided else 1, self.slope_m_s_V or 0.0
+        row[B.FILTER] = 1.0 - math.exp(-2 * math.pi * self.filter_Hz * tick)
+        row[B.A_MAX], row[B.Q_START], row[B.SHARE] = self.a_max_V, self.q_start_V, self.share
+        row[B.RATE], row[B.LIMIT] = min(1.0, tick / self.fade_s), context.voltage_max_V
+        start_estimate(row[B.ESTIMATE : B.BUFFER], context.rate_Hz, self.velocity_bandwidth_Hz)
+        return row
 
-    def step(self, state: BufferedState, sample: Sample) -> tuple[float, BufferedState]:
-        u = sample.control_V
-        if not (math.isfinite(u) and math.isfinite(sample.valve_V)):
-            return 0.0, state
-        previous = state.estimate.control_V
-        measured = state.estimate.update(sample.position_m, sample.valve_V, u)
-        if measured is not None:
-            self._collect(state, *measured, rising=u > previous)
-        return self._output(state, u), state
+    def tick(self, row: np.ndarray, control_V: float, valve_V: float, position_m: float, bottom_Pa: float) -> float:
+        return tick(row, control_V, valve_V, position_m)
 
-    def _output(self, state: BufferedState, u: float) -> float:
-        rate = min(1.0, state.context.tick_s / self.fade_s)
-        value = 0.0
-        for number, curve in enumerate(state.curves):
-            active, target = curve.active, curve.target
-            for i in range(3):
-                active[i] += rate * (target[i] - active[i])
-            a, q, r = active
-            share = 1.0 if len(state.curves) == 1 else (state.blend if number else 1.0 - state.blend)
-            if a > 0.0 and q > 0.0:
-                b = RANGE[self.function] / max(q, 1e-3)
-                value += share * FUNCTIONS[self.function](clip(u, -2 * q, 2 * q), a, b, b * r)
-        limit = state.context.voltage_max_V
-        return clip(value, -limit, limit)
+    def is_sound(self, row: np.ndarray) -> bool:
+        return is_sound(row)
 
-    def slope(self, state: BufferedState) -> float:
-        """Slope s [m/s/V] of the desired linear valve; 0 while nothing has moved."""
-        if self.slope_m_s_V is not None:
-            return self.slope_m_s_V
-        v_max, v_min, u_max, u_min = state.extremes
-        return (v_max - v_min) / (u_max - u_min) if u_max - u_min > 0.2 * self.q_start_V else 0.0
+    def native_tick(self) -> Any:
+        return native_tick()
 
-    def _collect(self, state: BufferedState, v: float, valve: float, u: float, rising: bool) -> None:
-        context, f, ex = state.context, state.filters, state.extremes
-        k = 1.0 - math.exp(-2 * math.pi * self.filter_Hz * context.tick_s)
-        f[0] += k * ((u if self.form == "report" else valve) - f[0])
-        f[1] += k * (v - f[1])
-        f[2] += k * (u - f[2])
-        f[3] += k * ((1.0 if rising else -1.0) - f[3])
-        ex[0], ex[1], ex[2], ex[3] = max(ex[0], f[1]), min(ex[1], f[1]), max(ex[2], f[2]), min(ex[3], f[2])
-        side = 1 if f[3] > 0 else 0
-        state.blend += k * (side - state.blend)
-        state.valve_V.append(f[0])
-        state.other.append(f[1])
-        state.side.append(side)
-        if abs(v) <= ZERO_VELOCITY_M_S:
-            state.zero_V[side].append(u if self.form == "report" else valve)
-        if len(state.valve_V) >= round(self.buffer_s * context.rate_Hz):
-            s = self.slope(state)
-            if s > 0.0:
-                self._compute_report(state, s) if self.form == "report" else self._compute(state, s)
-                state.updates += 1
-            self._clear(state)
-
-    def _clear(self, state: BufferedState) -> None:
-        state.valve_V, state.other, state.side, state.zero_V = [], [], [], [[], []]
-        if self.form == "corrected":
-            state.extremes = [0.0] * 4
-
-    def _compute_report(self, state: BufferedState, s: float) -> None:
-        length = len(state.valve_V)
-        weight = 1.0 / (1.0 + np.exp(-10.0 / length * np.arange(1, length + 1)))  # appendix C; Eq. 5.4 has 10 / (2 l)
-        u = np.array(state.valve_V)
-        a = float(np.max(weight * (u - np.array(state.other) / s)))
-        b = 1.0 / float(np.max(np.abs(weight * u)))
-        zero = state.zero_V[0] + state.zero_V[1]
-        for curve in state.curves:
-            old_a, old_q, _ = curve.target
-            b = max(b, 1.0 / old_q if old_q > 0 else 0.0)
-            curve.target = [max(a, old_a), 1.0 / b, float(np.mean(zero)) if zero else 0.0]
-
-    def _compute(self, state: BufferedState, s: float) -> None:
-        """a [V], q [V] and r [V] of each curve by least squares over the buffer, the newest samples weighing most."""
-        u, v, side = np.array(state.valve_V), np.array(state.other), np.array(state.side)
-        weight = 1.0 / (1.0 + np.exp(-10.0 * (np.linspace(0, 1, len(u)) - 0.5)))
-        q = max(self.q_start_V, (state.extremes[2] - state.extremes[3]) / 2)
-        if state.line is not None:  # averaged: the line must not follow its own compensation
-            s = state.line[0] + self.share * (s - state.line[0])
-            q = state.line[1] + self.share * (q - state.line[1])
-        state.line = (s, q)
-        b = RANGE[self.function] / q
-        means = [float(np.mean(zero)) if zero else None for zero in state.zero_V]
-        for number, curve in enumerate(state.curves):
-            r = means[number] if self.two_sided else _middle(means)
-            old = curve.target[2]
-            r = old if r is None else old + self.share * (clip(r, -self.a_max_V, self.a_max_V) - old)
-            inside = (np.abs(v) < s * q) & ((side == number) if self.two_sided else True)
-            w = v[inside] / s + r
-            shape = np.array([FUNCTIONS[self.function](x, 1.0, b, b * r) for x in w])
-            power = float(np.sum(weight[inside] * shape * shape))
-            if power < 1e-3 * len(u):
-                continue
-            a = float(np.sum(weight[inside] * shape * (u[inside] - w))) / power
-            curve.target = [clip(a, 0.0, self.a_max_V), q, r]
-
-    def finite(self, state: BufferedState) -> bool:
-        """Of the buffers the newest: what came in before was looked at then. One flat list: its sum tells at once."""
-        numbers = [state.blend, *state.estimate.numbers(), *state.filters, *state.extremes, *(state.line or ())]
-        for curve in state.curves:
-            numbers += curve.target
-            numbers += curve.active
-        for buffer in (state.valve_V, state.other, *state.zero_V):
-            numbers += buffer[-1:]
-        return all_finite(numbers)
-
-    def parameters(self, state: BufferedState) -> Parameters:
-        return {"function": self.function, "curves": [list(c.target) for c in state.curves]}
+    def parameters(self, state: RowState) -> Parameters:
+        curves = [curve_of(state.row, number)[:3].tolist() for number in range(2 if self.two_sided else 1)]
+        return {"function": self.function, "curves": curves}
 
     def refused(self, context: Context, parameters: Parameters) -> str:
         curves = parameters["curves"]
@@ -198,13 +123,167 @@ class Buffered(Compensator):
         every = {"curves": [x for curve in curves for x in curve]}
         return beyond_volts(every, ("curves",), MOST_RANGES * context.voltage_max_V)
 
-    def restore(self, context: Context, parameters: Parameters) -> BufferedState:
+    def restore(self, context: Context, parameters: Parameters) -> RowState:
         state = self.start(context)
-        state.curves = [Curve(target=[float(x) for x in c]) for c in parameters["curves"]]
+        for number, curve in enumerate(parameters["curves"]):
+            curve_of(state.row, number)[:3] = curve
         return state
 
 
-def _middle(means: list[float | None]) -> float | None:
-    """Offset from the reversals of both directions, each weighing the same; None unless both occurred."""
-    down, up = means
-    return None if down is None or up is None else (down + up) / 2
+@compiled
+def curve_of(row, number):
+    """The numbers of a curve."""
+    first = B.CURVE + OF_A_CURVE * number
+    return row[first : first + OF_A_CURVE]
+
+
+@compiled
+def tick(row, control_V, valve_V, position_m):
+    """Volts to add."""
+    u = control_V
+    if not (math.isfinite(u) and math.isfinite(valve_V)):
+        return 0.0
+    part = row[B.ESTIMATE : B.BUFFER]
+    previous = part[V.CONTROL]
+    if estimate_velocity(part, position_m, valve_V, u):
+        collect(row, part[V.FOUND], part[V.FOUND + 1], part[V.FOUND + 2], u > previous)
+    return output(row, u)
+
+
+@compiled
+def output(row, u):
+    """The curves' volts at a control voltage."""
+    value = 0.0
+    for number in range(int(row[B.CURVES])):
+        c = curve_of(row, number)
+        for i in range(3):
+            c[3 + i] += row[B.RATE] * (c[i] - c[3 + i])
+        a, q, r = c[3], c[4], c[5]
+        share = 1.0 if row[B.CURVES] == 1.0 else (row[B.BLEND] if number == 1 else 1.0 - row[B.BLEND])
+        if a > 0.0 and q > 0.0:
+            b = row[B.RANGE] / max(q, 1e-3)
+            value += share * compensation_V(row[B.FUNCTION], clip(u, -2.0 * q, 2.0 * q), a, b, b * r)
+    return clip(value, -row[B.LIMIT], row[B.LIMIT])
+
+
+@compiled
+def slope(row):
+    """Slope s [m/s/V] of the desired linear valve; 0 while nothing has moved."""
+    if row[B.SLOPE] != 0.0:
+        return row[B.SLOPE]
+    ex = row[B.EXTREMES : B.ZEROS]
+    return (ex[0] - ex[1]) / (ex[2] - ex[3]) if ex[2] - ex[3] > 0.2 * row[B.Q_START] else 0.0
+
+
+@compiled
+def collect(row, v, valve, u, rising):
+    """One sample into the buffers; at their end parameters from them."""
+    k, f, ex, length = row[B.FILTER], row[B.FILTERS :], row[B.EXTREMES :], (len(row) - B.BUFFER) // 3
+    as_reported = row[B.REPORT] == 1.0
+    volts = u if as_reported else valve
+    f[0] += k * (volts - f[0])
+    f[1] += k * (v - f[1])
+    f[2] += k * (u - f[2])
+    f[3] += k * ((1.0 if rising else -1.0) - f[3])
+    ex[0], ex[1], ex[2], ex[3] = max(ex[0], f[1]), min(ex[1], f[1]), max(ex[2], f[2]), min(ex[3], f[2])
+    side = 1 if f[3] > 0.0 else 0
+    row[B.BLEND] += k * (side - row[B.BLEND])
+    at = B.BUFFER + int(row[B.COUNT])
+    row[at], row[at + length], row[at + 2 * length] = f[0], f[1], side
+    row[B.COUNT] += 1.0
+    if abs(v) <= ZERO_VELOCITY_M_S:
+        row[B.ZEROS + 2 * side] += volts
+        row[B.ZEROS + 2 * side + 1] += 1.0
+    if row[B.COUNT] < length:
+        return
+    s = slope(row)
+    if s > 0.0:
+        if as_reported:
+            compute_as_reported(row, s, length)
+        else:
+            compute(row, s, length)
+    row[B.COUNT] = 0.0
+    for i in range(4):
+        row[B.ZEROS + i] = 0.0
+        if not as_reported:
+            row[B.EXTREMES + i] = 0.0
+
+
+@compiled
+def compute_as_reported(row, s, n):
+    """a, q and r from the buffers; a and 1/q may only grow."""
+    volts, velocity = row[B.BUFFER :], row[B.BUFFER + n :]
+    a, largest = -math.inf, 0.0
+    for i in range(n):
+        weight = 1.0 / (1.0 + math.exp(-10.0 / n * (i + 1)))  # appendix C; Eq. 5.4 has 10 / (2 l)
+        a = max(a, weight * (volts[i] - velocity[i] / s))
+        largest = max(largest, abs(weight * volts[i]))
+    zeros = row[B.ZEROS + 1] + row[B.ZEROS + 3]
+    middle = (row[B.ZEROS] + row[B.ZEROS + 2]) / zeros if zeros > 0.0 else 0.0
+    b = 1.0 / largest
+    for number in range(int(row[B.CURVES])):
+        c = curve_of(row, number)
+        b = max(b, 1.0 / c[1] if c[1] > 0.0 else 0.0)
+        c[0], c[1], c[2] = max(a, c[0]), 1.0 / b, middle
+
+
+@compiled
+def compute(row, s, n):
+    """a [V], q [V] and r [V] of each curve by least squares over the buffer, the newest samples weighing most."""
+    volts, velocity, sides = row[B.BUFFER :], row[B.BUFFER + n :], row[B.BUFFER + 2 * n :]
+    q = max(row[B.Q_START], (row[B.EXTREMES + 2] - row[B.EXTREMES + 3]) / 2.0)
+    if row[B.LINE] == 1.0:  # averaged: the line must not follow its own compensation
+        s = row[B.LINE + 1] + row[B.SHARE] * (s - row[B.LINE + 1])
+        q = row[B.LINE + 2] + row[B.SHARE] * (q - row[B.LINE + 2])
+    row[B.LINE], row[B.LINE + 1], row[B.LINE + 2] = 1.0, s, q
+    b, two_sided, limit = row[B.RANGE] / q, row[B.CURVES] == 2.0, row[B.A_MAX]
+    for number in range(int(row[B.CURVES])):
+        c = curve_of(row, number)
+        r = c[2]
+        middle = mean_at_zero(row, number) if two_sided else (mean_at_zero(row, 0) + mean_at_zero(row, 1)) / 2.0
+        if math.isfinite(middle):
+            r += row[B.SHARE] * (clip(middle, -limit, limit) - r)
+        power = product = 0.0
+        for i in range(n):
+            if abs(velocity[i]) < s * q and (not two_sided or sides[i] == number):
+                w = velocity[i] / s + r
+                shape = compensation_V(row[B.FUNCTION], w, 1.0, b, b * r)
+                weight = 1.0 / (1.0 + math.exp(-10.0 * (i / (n - 1) - 0.5)))
+                power += weight * shape * shape
+                product += weight * shape * (volts[i] - w)
+        if power >= 1e-3 * n:
+            c[0], c[1], c[2] = clip(product / power, 0.0, limit), q, r
+
+
+@compiled
+def mean_at_zero(row, side):
+    """Volts while the velocity was near 0 on one side; NaN where it never was."""
+    return row[B.ZEROS + 2 * side] / row[B.ZEROS + 2 * side + 1]
+
+
+@compiled
+def is_sound(row):
+    """Of the buffers the newest: what came in before was looked at then."""
+    length, newest = (len(row) - B.BUFFER) // 3, B.BUFFER + max(int(row[B.COUNT]) - 1, 0)
+    total = row[newest] + row[newest + length]
+    return total - total == 0.0 and all_are_finite(row, B.COUNT, B.BUFFER)
+
+
+@cache
+def native_tick() -> Any:
+    """`tick` of all legs that act."""
+
+    @compiled_callback(TICK)
+    def step_legs(desk, what):
+        if what != STEP:
+            return
+        d = carray(desk, (1,), LEGS)[0]
+        states, acts, finite = rows(d.states, d.n, d.size), truths(d.acts, d.n), truths(d.finite, d.n)
+        added, control = doubles(d.added_V, d.n), doubles(d.control_V, d.n)
+        valve, position = doubles(d.valve_V, d.n), doubles(d.position_m, d.n)
+        for i in range(d.n):
+            if acts[i]:
+                added[i] = tick(states[i], control[i], valve[i], position[i])
+                finite[i] = is_sound(states[i])
+
+    return step_legs

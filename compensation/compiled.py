@@ -15,7 +15,7 @@ from typing import Any
 from numba import config, njit, types
 from numba.core.imputils import lower_cast
 
-from .compiled_cache import check_cache, temporary_cache
+from .compiled_cache import check_cache, native_function, temporary_cache
 
 SHARED = (
     "compensator",
@@ -28,6 +28,14 @@ SHARED = (
     "prediction",
     "loop_feedback",
     "damping_design",
+    "desk",
+    "rows",
+    "report_functions",
+    "exact",
+    "iterative",
+    "buffered",
+    "repetitive",
+    "native_ticks",
 )
 FOLDERS = ("adaptive",)  # every file of these
 
@@ -43,8 +51,13 @@ def compiled(function: Callable[..., Any]) -> Any:
     except RuntimeError:  # neither the package's folder nor the user's can be written
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(**options)(function)
-    check_cache(dispatcher, _sources_digest())
+    check_cache(dispatcher, sources_digest())
     return _shared(dispatcher)
+
+
+def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """A native C function of a signature, cached as `compiled` ones are; it is compiled at once."""
+    return lambda function: native_function(signature, function, sources_digest())
 
 
 def _shared(dispatcher: Any) -> Any:
@@ -72,7 +85,7 @@ def _general(kind: Any) -> Any:
 
 
 @cache
-def _sources_digest() -> str:
+def sources_digest() -> str:
     """Digest of the files that hold compiled functions or the layout of a state."""
     digest = hashlib.sha256()
     for path in compiled_sources():

@@ -9,12 +9,15 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core import caching
+from numba import config
+from numba.core import caching, sigutils
+from numba.core.ccallback import CFunc
 
 DIGEST_BYTES = 32  # of SHA-256
 
@@ -50,6 +53,19 @@ def check_cache(dispatcher: Any, sources: str) -> None:
     if isinstance(stored, caching.IndexDataCacheFile):  # none when numba runs without a cache
         stored.__class__ = CheckedFiles
         stored._version = (stored._version, "checked", sources)
+
+
+def native_function(signature: Any, function: Callable[..., Any], sources: str) -> Any:
+    """A C function of a signature, cached as other compiled ones are (`numba.cfunc` compiles before the cache has a version)."""
+    callback = CFunc(function, sigutils.normalize_signature(signature), {}, {"error_model": "numpy"})
+    try:
+        callback.enable_caching()
+    except RuntimeError:  # neither the package's folder nor the user's can be written
+        config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
+        callback.enable_caching()
+    check_cache(callback, sources)
+    callback.compile()
+    return callback
 
 
 @cache

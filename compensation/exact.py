@@ -1,23 +1,46 @@
+# pyright: reportPrivateImportUsage=false
+# (numba does not list its own functions)
 """The exact look-up inverse of a flow curve that is known (report 5.2)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import cache
+from typing import Any
 
-from .compensator import Compensator, Context, Parameters, Sample, clip
+import numpy as np
+from numba import carray
+
+from .arithmetic import clip
+from .compensator import Context, Parameters
+from .compiled import compiled, compiled_callback
+from .desk import LEGS, STEP, TICK, doubles, rows, truths
 from .flow_curve import FlowCurve, overlap_curve
+from .rows import RowCompensator, RowState, all_are_finite
 
 
-@dataclass(slots=True)
-class ExactState:
-    context: Context
-    pressure_Pa: float | None = None  # slow mean of P1
-    gain: float = 0.0  # fade-in, 0 .. 1
+class E(IntEnum):
+    """Places in a row."""
+
+    TICK = 0  # [s]
+    LIMIT = 1  # [V]
+    SUPPLY = 2  # [Pa]
+    TANK = 3
+    SLOPE = 4  # [m/s/V]
+    REFERENCE = 5  # dp_ref [Pa]
+    SCHEDULE = 6  # 1: scheduled on the pressure
+    WIDTH = 7  # [V]
+    FADE = 8  # [s]
+    PRESSURE_SHARE = 9  # of the slow mean, a tick
+    PRESSURE = 10  # slow mean of P1, 0 before the first reading
+    GAIN = 11  # fade-in, 0 .. 1
+    CURVE = 12  # volts, and behind them velocities
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exact(Compensator):
+class Exact(RowCompensator):
     """Inverse of a known flow curve, scheduled on the measured pressure drop (report 5.2).
 
         u_c = g^-1(s u sqrt(dp_ref / dp)) - u
@@ -41,46 +64,110 @@ class Exact(Compensator):
     fade_s: float = 1.0
     pressure_bandwidth_Hz: float = 5.0
 
-    def start(self, context: Context) -> ExactState:
-        return ExactState(context)
-
-    def step(self, state: ExactState, sample: Sample) -> tuple[float, ExactState]:
-        context, u = state.context, sample.control_V
-        if not math.isfinite(u):
-            return 0.0, state
-        state.gain = min(1.0, state.gain + context.tick_s / max(self.fade_s, context.tick_s))
-        velocity = self._slope() * u * self._root(state, sample)
-        return state.gain * clip(self._volts(u, velocity) - u, -context.voltage_max_V, context.voltage_max_V), state
-
-    def _slope(self) -> float:
+    def new_row(self, context: Context) -> np.ndarray:
+        volts, velocities = self.curve.voltage_V, self.curve.velocity_m_s
+        row = np.concatenate([np.zeros(E.CURVE), volts, velocities])
+        row[E.TICK], row[E.LIMIT], row[E.FADE] = context.tick_s, context.voltage_max_V, self.fade_s
+        row[E.SUPPLY], row[E.TANK] = context.supply_pressure_Pa, context.tank_pressure_Pa
+        row[E.REFERENCE], row[E.SCHEDULE], row[E.WIDTH] = self.reference_drop_Pa, self.schedule, self.width_V
+        row[E.SLOPE] = (velocities[-1] - velocities[-2]) / (volts[-1] - volts[-2])
         if self.slope_m_s_V is not None:
-            return self.slope_m_s_V
-        (u0, u1), (v0, v1) = self.curve.voltage_V[-2:], self.curve.velocity_m_s[-2:]
-        return (v1 - v0) / (u1 - u0)
+            row[E.SLOPE] = self.slope_m_s_V
+        row[E.PRESSURE_SHARE] = 2 * math.pi * self.pressure_bandwidth_Hz * context.tick_s
+        return row
 
-    def _root(self, state: ExactState, sample: Sample) -> float:
-        """sqrt(dp_ref / dp) of the edge that the control voltage opens, from a slow mean of the pressure."""
-        if not self.schedule:
-            return 1.0
-        context, p = state.context, sample.pressure_bottom_Pa
-        if state.pressure_Pa is None:
-            state.pressure_Pa = p if math.isfinite(p) else self.reference_drop_Pa
-        elif math.isfinite(p):
-            state.pressure_Pa += 2 * math.pi * self.pressure_bandwidth_Hz * context.tick_s * (p - state.pressure_Pa)
-        if sample.control_V > 0:
-            drop = context.supply_pressure_Pa - state.pressure_Pa
-        else:
-            drop = state.pressure_Pa - context.tank_pressure_Pa
-        return math.sqrt(self.reference_drop_Pa / max(drop, 0.05 * self.reference_drop_Pa))
+    def tick(self, row: np.ndarray, control_V: float, valve_V: float, position_m: float, bottom_Pa: float) -> float:
+        return tick(row, control_V, bottom_Pa)
 
-    def _volts(self, u: float, velocity: float) -> float:
-        if abs(u) >= self.width_V:
-            return self.curve.voltage(velocity)
-        edge = math.copysign(self.width_V, u)
-        return self.curve.voltage(velocity * edge / u) * u / edge if u else 0.0
+    def is_sound(self, row: np.ndarray) -> bool:
+        return is_sound(row)
 
-    def parameters(self, state: ExactState) -> Parameters:
+    def native_tick(self) -> Any:
+        return native_tick()
+
+    def parameters(self, state: RowState) -> Parameters:
         return {"voltage_V": list(self.curve.voltage_V), "velocity_m_s": list(self.curve.velocity_m_s)}
 
-    def restore(self, context: Context, parameters: Parameters) -> ExactState:
+    def restore(self, context: Context, parameters: Parameters) -> RowState:
         return self.start(context)
+
+
+@compiled
+def tick(row, control_V, bottom_Pa):
+    """Volts to add."""
+    u = control_V
+    if not math.isfinite(u):
+        return 0.0
+    row[E.GAIN] = min(1.0, row[E.GAIN] + row[E.TICK] / max(row[E.FADE], row[E.TICK]))
+    velocity = row[E.SLOPE] * u * root(row, u, bottom_Pa)
+    return row[E.GAIN] * clip(spread_step(row, u, velocity) - u, -row[E.LIMIT], row[E.LIMIT])
+
+
+@compiled
+def root(row, control_V, bottom_Pa):
+    """sqrt(dp_ref / dp) of the edge that the control voltage opens, from a slow mean of the pressure."""
+    reference = row[E.REFERENCE]
+    if row[E.SCHEDULE] == 0.0:
+        return 1.0
+    if row[E.PRESSURE] == 0.0:
+        row[E.PRESSURE] = bottom_Pa if math.isfinite(bottom_Pa) else reference
+    elif math.isfinite(bottom_Pa):
+        row[E.PRESSURE] += row[E.PRESSURE_SHARE] * (bottom_Pa - row[E.PRESSURE])
+    drop = row[E.SUPPLY] - row[E.PRESSURE] if control_V > 0.0 else row[E.PRESSURE] - row[E.TANK]
+    return math.sqrt(reference / max(drop, 0.05 * reference))
+
+
+@compiled
+def spread_step(row, u, velocity):
+    """Volts for a velocity; the step across the overlap is spread over the width."""
+    if abs(u) >= row[E.WIDTH]:
+        return inverse(row, velocity)
+    if u == 0.0:
+        return 0.0
+    edge = math.copysign(row[E.WIDTH], u)
+    return inverse(row, velocity * edge / u) * u / edge
+
+
+@compiled
+def inverse(row, velocity):
+    """Volts for a velocity at the reference drop, as `FlowCurve.voltage`."""
+    knots = (len(row) - E.CURVE) // 2
+    volts, velocities = row[E.CURVE : E.CURVE + knots], row[E.CURVE + knots :]
+    low, high = 0, knots
+    while low < high:  # the first velocity that is larger
+        middle = (low + high) // 2
+        if velocity < velocities[middle]:
+            high = middle
+        else:
+            low = middle + 1
+    i = min(max(low - 1, 0), knots - 2)
+    while velocities[i + 1] == velocities[i] and i > 0:
+        i -= 1
+    if velocities[i + 1] == velocities[i]:
+        return volts[i]
+    return volts[i] + (volts[i + 1] - volts[i]) * (velocity - velocities[i]) / (velocities[i + 1] - velocities[i])
+
+
+@compiled
+def is_sound(row):
+    """Whether the slow mean and the fade-in are finite."""
+    return all_are_finite(row, E.PRESSURE, E.CURVE)
+
+
+@cache
+def native_tick() -> Any:
+    """`tick` of all legs that act."""
+
+    @compiled_callback(TICK)
+    def step_legs(desk, what):
+        if what != STEP:
+            return
+        d = carray(desk, (1,), LEGS)[0]
+        states, acts, finite = rows(d.states, d.n, d.size), truths(d.acts, d.n), truths(d.finite, d.n)
+        added, control, bottom = doubles(d.added_V, d.n), doubles(d.control_V, d.n), doubles(d.bottom_Pa, d.n)
+        for i in range(d.n):
+            if acts[i]:
+                added[i] = tick(states[i], control[i], bottom[i])
+                finite[i] = is_sound(states[i])
+
+    return step_legs

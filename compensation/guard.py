@@ -1,3 +1,5 @@
+# pyright: reportPrivateImportUsage=false, reportCallIssue=false
+# (numba does not list its own functions, and intrinsics are called without their typing context)
 """What stands between any algorithm and the valve: detection of sensor and valve faults, bounds, and a way back.
 
 | condition | volts added |
@@ -20,10 +22,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import carray
 
 from . import compensator, volts_bound
 from .compensator import Context, Parameters, Sample, Wrapped
 from .compiled import compiled
+from .desk import LEGS, SHARE, STEP, call_tick, doubles, integers, pointer, rows, truths
 from .knowledge import Knowledge
 from .learned_parameters import check_parameters
 from .legs import Legs, OneByOne, Together, stepper
@@ -311,6 +315,43 @@ def accept_legs(guards, todo, added_V, forward_V, finite, reasons):
     return changed
 
 
+@compiled
+def step_desk(guards, todo, reasons, desk, step):
+    """One tick of guards (n,) and of an algorithm's legs on a desk. desk, step: addresses of its LEGS and of a `desk.TICK`.
+    Returns whether all act, and whether a reason has changed."""
+    d = carray(pointer(desk), (1,), LEGS)[0]
+    n, acts = d.n, truths(d.acts, d.n)
+    all_act = check_legs(
+        guards,
+        doubles(d.setpoint_m, n),
+        rows(d.preview_m, n, d.most),
+        integers(d.counts, n),
+        doubles(d.position_m, n),
+        doubles(d.control_V, n),
+        doubles(d.valve_V, n),
+        doubles(d.bottom_Pa, n),
+        doubles(d.top_Pa, n),
+        d.supply_Pa,
+        todo,
+    )
+    added = doubles(d.added_V, n)
+    for i in range(n):
+        acts[i], added[i] = todo[i] == ACTS, 0.0
+    call_tick(step, pointer(desk), STEP)
+    changed = accept_legs(guards, todo, added, doubles(d.forward_V, n), truths(d.finite, n), reasons)
+    return all_act, changed
+
+
+@compiled
+def share_desk(reasons, desk, step):
+    """What legs have just learned, to those that are alike."""
+    d = carray(pointer(desk), (1,), LEGS)[0]
+    acts = truths(d.acts, d.n)
+    for i in range(d.n):
+        acts[i] = acts[i] and reasons[i] == SOUND
+    call_tick(step, pointer(desk), SHARE)
+
+
 @dataclass(slots=True)
 class GuardState:
     context: Context
@@ -439,6 +480,15 @@ class GuardedLegs:
             self._follow(self._todo.tolist(), self._reasons.tolist())
         self.may_speak = changed or self.inner.may_speak
         return added
+
+    @property
+    def of_desk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What `step_desk` needs beside a desk: guards, todo, reasons."""
+        return self.guards, self._todo, self._reasons
+
+    def follow(self) -> None:
+        """After a tick by `step_desk`: what Python notes of it, and new starts after a fault."""
+        self._follow(self._todo.tolist(), self._reasons.tolist())
 
     def _follow(self, todo: list[int], reasons: list[int]) -> None:
         """The states' own notes, and new starts after a fault."""

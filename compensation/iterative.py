@@ -1,40 +1,65 @@
+# pyright: reportPrivateImportUsage=false
+# (numba does not list its own functions)
 """The report's iterative algorithm (5.3, 5.4): a function fitted to a buffer over the valve voltage."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
+from numba import carray
 
-from .compensator import Compensator, Context, Parameters, Sample, all_finite, clip
+from .arithmetic import clip
+from .compensator import Context, Parameters
+from .compiled import compiled, compiled_callback
+from .desk import LEGS, STEP, TICK, doubles, rows, truths
 from .learned_parameters import beyond_volts
-from .report_functions import FUNCTIONS, MOST_RANGES, RANGE, check_function
-from .velocity_estimate import VelocityEstimate
+from .report_functions import MOST_RANGES, RANGE, check_function, compensation_V
+from .rows import RowCompensator, RowState, V, all_are_finite, estimate_velocity, start_estimate
 
 ZERO_VELOCITY_M_S = 1e-3  # "k- <= v <= k+", report 5.3
+FIT_S = 0.1  # between two fits, and of the means at standstill
+FEWEST = 5  # elements that a fit needs
 
 
-@dataclass(slots=True)
-class IterativeState:
-    context: Context
-    estimate: VelocityEstimate
-    table_V: list[float]  # (elements,) computed compensation over -voltage_max .. voltage_max
-    visits: list[int]  # (elements,) (elements,) updates of each element
-    element: int = -1
-    a_V: float = 0.0
-    q_V: float = 0.0
-    r_V: float = 0.0
-    active: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a, q, r as they act, low-passed
-    extremes: list[float] = field(default_factory=lambda: [0.0] * 6)  # max, min of v, u and of u at v = 0
-    control_V: float = 0.0
-    time_s: float = 0.0
-    update: int = 0
+class I(IntEnum):  # noqa: E742
+    """Places in a row."""
+
+    FUNCTION = 0  # 1 or 2
+    RANGE = 1  # b q of it
+    REPORT = 2  # 1: the report's form
+    HALF_WIDTH = 3  # 1: r as 5.3 prints it
+    UPDATE_GAIN = 4
+    SLOPE = 5  # s [m/s/V]; 0: estimated
+    Q_START = 6
+    A_MAX = 7
+    FORGET = 8  # of extremes, a tick
+    FADE_S = 9
+    TICK = 10  # [s]
+    LIMIT = 11  # [V]
+    HALF = 12  # elements on either side of the middle one
+    ELEMENT = 13  # that was updated last; what is learned begins here
+    A = 14
+    Q = 15
+    R = 16
+    ACTIVE = 17  # a, q, r as they act, low-passed
+    EXTREMES = 20  # max, min of v, u and of u at v = 0
+    CONTROL = 26
+    TIME = 27  # [s]
+    UPDATES = 28  # since the last fit
+    ESTIMATE = 29
+    TABLE = 42  # computed compensation over -LIMIT .. LIMIT [V], and behind it how often each element was updated
+
+
+assert I.TABLE == I.ESTIMATE + V.END
 
 
 @dataclass(frozen=True, kw_only=True)
-class Iterative(Compensator):
+class Iterative(RowCompensator):
     """Function of Eq. 5.2 or 5.3, its parameters read from an iteratively updated buffer of 1001 elements.
 
     Report form: each time the control voltage enters another element, the element grows by gain (s u - v). a is the
@@ -76,110 +101,36 @@ class Iterative(Compensator):
         if self.offset not in ("mean", "half width"):
             raise ValueError(f"offset '{self.offset}' does not exist; choose mean or half width")
 
-    def start(self, context: Context) -> IterativeState:
-        estimate = VelocityEstimate(context.rate_Hz, self.velocity_bandwidth_Hz)
-        state = IterativeState(context, estimate, [0.0] * self.elements, [0] * self.elements, q_V=self.q_start_V)
-        state.active[1] = self.q_start_V
-        return state
+    def new_row(self, context: Context) -> np.ndarray:
+        row, tick = np.zeros(I.TABLE + 2 * self.elements), context.tick_s
+        row[I.FUNCTION], row[I.RANGE], row[I.REPORT] = self.function, RANGE[self.function], self.form == "report"
+        row[I.HALF_WIDTH], row[I.SLOPE] = self.offset == "half width", self.slope_m_s_V or 0.0
+        row[I.UPDATE_GAIN] = (0.05 if self.form == "report" else 0.1) if self.gain is None else self.gain
+        row[I.Q_START] = row[I.Q] = row[I.ACTIVE + 1] = self.q_start_V
+        row[I.A_MAX], row[I.FORGET], row[I.FADE_S] = self.a_max_V, 1.0 - tick / self.memory_s, self.fade_s
+        row[I.TICK], row[I.LIMIT], row[I.HALF], row[I.ELEMENT] = tick, context.voltage_max_V, self.elements // 2, -1.0
+        start_estimate(row[I.ESTIMATE : I.TABLE], context.rate_Hz, self.velocity_bandwidth_Hz)
+        return row
 
-    def step(self, state: IterativeState, sample: Sample) -> tuple[float, IterativeState]:
-        u = sample.control_V
-        if not (math.isfinite(u) and math.isfinite(sample.valve_V)):
-            return 0.0, state
-        state.time_s += state.context.tick_s
-        measured = state.estimate.update(sample.position_m, sample.valve_V, u)
-        if measured is not None:
-            if self.form == "report":
-                self._learn_report(state, *measured)
-            else:
-                self._learn_corrected(state, *measured)
-        active, rate = state.active, min(1.0, state.context.tick_s / self.fade_s)
-        for i, target in enumerate((state.a_V, state.q_V, state.r_V)):
-            active[i] += rate * (target - active[i])
-        a, q, r = active
-        b = RANGE[self.function] / max(q, self.q_start_V)
-        value = FUNCTIONS[self.function](clip(u, -2 * q, 2 * q), a, b, b * r)
-        limit = state.context.voltage_max_V
-        return clip(value, -limit, limit), state
+    def tick(self, row: np.ndarray, control_V: float, valve_V: float, position_m: float, bottom_Pa: float) -> float:
+        return tick(row, control_V, valve_V, position_m)
 
-    def slope(self, state: IterativeState) -> float:
-        """Slope s [m/s/V] of the desired linear valve; 0 while nothing has moved."""
-        if self.slope_m_s_V is not None:
-            return self.slope_m_s_V
-        v_max, v_min, u_max, u_min = state.extremes[:4]
-        return (v_max - v_min) / (u_max - u_min) if u_max - u_min > 0.5 * self.q_start_V else 0.0
+    def is_sound(self, row: np.ndarray) -> bool:
+        return is_sound(row)
 
-    def _index(self, state: IterativeState, u: float) -> int:
-        half = self.elements // 2
-        return half + round(clip(u / state.context.voltage_max_V, -1.0, 1.0) * half)
+    def native_tick(self) -> Any:
+        return native_tick()
 
-    def _learn_report(self, state: IterativeState, v: float, valve: float, u: float) -> None:
-        ex = state.extremes
-        ex[0], ex[1], ex[2], ex[3] = max(ex[0], v), min(ex[1], v), max(ex[2], u), min(ex[3], u)
-        if abs(v) <= ZERO_VELOCITY_M_S and state.time_s > self.fade_s:
-            ex[4], ex[5] = max(ex[4], u), min(ex[5], u)
-        i = self._index(state, u)
-        if i != state.element:
-            gain = 0.05 if self.gain is None else self.gain
-            state.table_V[i] += gain * (self.slope(state) * u - v)
-            state.element = i
-            state.a_V = max(state.a_V, state.table_V[i])
-        state.q_V = max(state.q_V, (ex[2] - ex[3]) / 2)
-        state.r_V = (ex[4] - ex[5]) / 2 if self.offset == "half width" else (ex[4] + ex[5]) / 2
-
-    def _learn_corrected(self, state: IterativeState, v: float, valve: float, u: float) -> None:
-        ex, tick = state.extremes, state.context.tick_s
-        forget = 1.0 - tick / self.memory_s
-        for i, x in ((0, v), (2, u)):
-            ex[i], ex[i + 1] = max(ex[i] * forget, x), min(ex[i + 1] * forget, x)
-        s = self.slope(state)
-        if s <= 0.0:
-            return
-        if abs(v) <= ZERO_VELOCITY_M_S and ex[0] > 10 * ZERO_VELOCITY_M_S:
-            side = 4 if u > state.control_V else 5  # either direction has its mean, so that both weigh the same
-            ex[side] += tick / 0.1 * (clip(valve, -self.a_max_V, self.a_max_V) - ex[side])  # mean over 0.1 s at v = 0
-            state.r_V = (ex[4] + ex[5]) / 2
-        state.control_V = u
-        w = v / s + state.r_V
-        i = self._index(state, w)
-        if i != state.element and abs(v) > 2 * ZERO_VELOCITY_M_S:
-            gain = 0.1 if self.gain is None else self.gain
-            state.table_V[i] += max(gain, 1 / (1 + state.visits[i])) * (valve - w - state.table_V[i])
-            state.visits[i] += 1
-            state.element = i
-        state.update += 1
-        if state.update >= 0.1 / tick:
-            state.update = 0
-            self._fit(state)
-
-    def _fit(self, state: IterativeState) -> None:
-        """a by least squares of the function through the elements visited within -q .. q."""
-        state.q_V = max(self.q_start_V, (state.extremes[2] - state.extremes[3]) / 2)
-        low, high = self._index(state, -state.q_V), self._index(state, state.q_V) + 1
-        visited = np.array(state.visits[low:high]) > 0
-        if visited.sum() < 5:
-            return
-        w = (np.arange(low, high)[visited] - self.elements // 2) * state.context.voltage_max_V / (self.elements // 2)
-        b = RANGE[self.function] / state.q_V
-        shape = np.array([FUNCTIONS[self.function](x, 1.0, b, b * state.r_V) for x in w])
-        table = np.array(state.table_V[low:high])[visited]
-        state.a_V = clip(float(shape @ table) / max(float(shape @ shape), 1e-9), 0.0, self.a_max_V)
-
-    def finite(self, state: IterativeState) -> bool:
-        """Of the table the element that changed last: the others were looked at when they did. One flat list: its sum tells at once."""
-        last = state.table_V[state.element]
-        own = (last, state.a_V, state.q_V, state.r_V, state.control_V)
-        return all_finite([*own, *state.estimate.numbers(), *state.active, *state.extremes])
-
-    def parameters(self, state: IterativeState) -> Parameters:
+    def parameters(self, state: RowState) -> Parameters:
+        row, n = state.row, self.elements
         return {
             "function": self.function,
-            "a_V": state.a_V,
-            "q_V": state.q_V,
-            "r_V": state.r_V,
-            "table_V": list(state.table_V),
-            "visits": list(state.visits),
-            "extremes": list(state.extremes),
+            "a_V": float(row[I.A]),
+            "q_V": float(row[I.Q]),
+            "r_V": float(row[I.R]),
+            "table_V": row[I.TABLE : I.TABLE + n].tolist(),
+            "visits": row[I.TABLE + n :].astype(int).tolist(),
+            "extremes": row[I.EXTREMES : I.CONTROL].tolist(),
         }
 
     def refused(self, context: Context, parameters: Parameters) -> str:
@@ -191,10 +142,134 @@ class Iterative(Compensator):
         names = ("a_V", "q_V", "r_V", "table_V", "extremes")
         return beyond_volts(parameters, names, MOST_RANGES * context.voltage_max_V)
 
-    def restore(self, context: Context, parameters: Parameters) -> IterativeState:
+    def restore(self, context: Context, parameters: Parameters) -> RowState:
         state = self.start(context)
-        state.a_V, state.q_V = float(parameters["a_V"]), float(parameters["q_V"])
-        state.r_V = float(parameters["r_V"])
-        state.table_V, state.visits = [float(x) for x in parameters["table_V"]], [int(x) for x in parameters["visits"]]
-        state.extremes = [float(x) for x in parameters["extremes"]]
+        row, n = state.row, self.elements
+        for place, name in ((I.A, "a_V"), (I.Q, "q_V"), (I.R, "r_V")):
+            row[place] = parameters[name]
+        row[I.TABLE : I.TABLE + n], row[I.TABLE + n :] = parameters["table_V"], parameters["visits"]
+        row[I.EXTREMES : I.CONTROL] = parameters["extremes"]
         return state
+
+
+@compiled
+def tick(row, control_V, valve_V, position_m):
+    """Volts to add."""
+    u = control_V
+    if not (math.isfinite(u) and math.isfinite(valve_V)):
+        return 0.0
+    row[I.TIME] += row[I.TICK]
+    part = row[I.ESTIMATE : I.TABLE]
+    if estimate_velocity(part, position_m, valve_V, u):
+        v, valve, control = part[V.FOUND], part[V.FOUND + 1], part[V.FOUND + 2]
+        if row[I.REPORT] == 1.0:
+            learn_as_reported(row, v, control)
+        else:
+            learn(row, v, valve, control)
+    rate = min(1.0, row[I.TICK] / row[I.FADE_S])
+    for i in range(3):
+        row[I.ACTIVE + i] += rate * (row[I.A + i] - row[I.ACTIVE + i])
+    a, q, r = row[I.ACTIVE], row[I.ACTIVE + 1], row[I.ACTIVE + 2]
+    b = row[I.RANGE] / max(q, row[I.Q_START])
+    return clip(compensation_V(row[I.FUNCTION], clip(u, -2.0 * q, 2.0 * q), a, b, b * r), -row[I.LIMIT], row[I.LIMIT])
+
+
+@compiled
+def slope(row):
+    """Slope s [m/s/V] of the desired linear valve; 0 while nothing has moved."""
+    if row[I.SLOPE] != 0.0:
+        return row[I.SLOPE]
+    ex = row[I.EXTREMES : I.CONTROL]
+    return (ex[0] - ex[1]) / (ex[2] - ex[3]) if ex[2] - ex[3] > 0.5 * row[I.Q_START] else 0.0
+
+
+@compiled
+def element_of(row, u):
+    """The element of a voltage."""
+    return int(row[I.HALF]) + int(np.rint(clip(u / row[I.LIMIT], -1.0, 1.0) * row[I.HALF]))
+
+
+@compiled
+def learn_as_reported(row, v, u):
+    """One tick of 5.3 as it is printed."""
+    ex, table = row[I.EXTREMES : I.CONTROL], row[I.TABLE :]
+    ex[0], ex[1], ex[2], ex[3] = max(ex[0], v), min(ex[1], v), max(ex[2], u), min(ex[3], u)
+    if abs(v) <= ZERO_VELOCITY_M_S and row[I.TIME] > row[I.FADE_S]:
+        ex[4], ex[5] = max(ex[4], u), min(ex[5], u)
+    i = element_of(row, u)
+    if i != row[I.ELEMENT]:
+        table[i] += row[I.UPDATE_GAIN] * (slope(row) * u - v)
+        row[I.ELEMENT] = i
+        row[I.A] = max(row[I.A], table[i])
+    row[I.Q] = max(row[I.Q], (ex[2] - ex[3]) / 2.0)
+    row[I.R] = (ex[4] - ex[5]) / 2.0 if row[I.HALF_WIDTH] == 1.0 else (ex[4] + ex[5]) / 2.0
+
+
+@compiled
+def learn(row, v, valve, u):
+    """One tick of the corrected form."""
+    ex, tick_s = row[I.EXTREMES : I.CONTROL], row[I.TICK]
+    ex[0], ex[1] = max(ex[0] * row[I.FORGET], v), min(ex[1] * row[I.FORGET], v)
+    ex[2], ex[3] = max(ex[2] * row[I.FORGET], u), min(ex[3] * row[I.FORGET], u)
+    s = slope(row)
+    if s <= 0.0:
+        return
+    if abs(v) <= ZERO_VELOCITY_M_S and ex[0] > 10 * ZERO_VELOCITY_M_S:
+        side = 4 if u > row[I.CONTROL] else 5  # either direction has its mean, so that both weigh the same
+        ex[side] += tick_s / FIT_S * (clip(valve, -row[I.A_MAX], row[I.A_MAX]) - ex[side])
+        row[I.R] = (ex[4] + ex[5]) / 2.0
+    row[I.CONTROL] = u
+    w = v / s + row[I.R]
+    i = element_of(row, w)
+    if i != row[I.ELEMENT] and abs(v) > 2 * ZERO_VELOCITY_M_S:
+        at, count = I.TABLE + i, I.TABLE + (len(row) - I.TABLE) // 2 + i
+        row[at] += max(row[I.UPDATE_GAIN], 1.0 / (1.0 + row[count])) * (valve - w - row[at])
+        row[count] += 1.0
+        row[I.ELEMENT] = i
+    row[I.UPDATES] += 1.0
+    if row[I.UPDATES] >= FIT_S / tick_s:
+        row[I.UPDATES] = 0.0
+        fit(row)
+
+
+@compiled
+def fit(row):
+    """a by least squares of the function through the elements visited within -q .. q."""
+    n, half, ex = (len(row) - I.TABLE) // 2, int(row[I.HALF]), row[I.EXTREMES : I.CONTROL]
+    row[I.Q] = max(row[I.Q_START], (ex[2] - ex[3]) / 2.0)
+    b = row[I.RANGE] / row[I.Q]
+    visited, power, product = 0, 0.0, 0.0
+    for i in range(element_of(row, -row[I.Q]), element_of(row, row[I.Q]) + 1):
+        if row[I.TABLE + n + i] > 0.0:
+            w = (i - half) * row[I.LIMIT] / half
+            shape = compensation_V(row[I.FUNCTION], w, 1.0, b, b * row[I.R])
+            visited, power, product = visited + 1, power + shape * shape, product + shape * row[I.TABLE + i]
+    if visited >= FEWEST:
+        row[I.A] = clip(product / max(power, 1e-9), 0.0, row[I.A_MAX])
+
+
+@compiled
+def is_sound(row):
+    """Of the table the element that changed last: the others were looked at when they did."""
+    element = row[I.TABLE + int(max(row[I.ELEMENT], 0.0))]
+    return element - element == 0.0 and all_are_finite(row, I.ELEMENT, I.TABLE)
+
+
+@cache
+def native_tick() -> Any:
+    """`tick` of all legs that act."""
+
+    @compiled_callback(TICK)
+    def step_legs(desk, what):
+        if what != STEP:
+            return
+        d = carray(desk, (1,), LEGS)[0]
+        states, acts, finite = rows(d.states, d.n, d.size), truths(d.acts, d.n), truths(d.finite, d.n)
+        added, control = doubles(d.added_V, d.n), doubles(d.control_V, d.n)
+        valve, position = doubles(d.valve_V, d.n), doubles(d.position_m, d.n)
+        for i in range(d.n):
+            if acts[i]:
+                added[i] = tick(states[i], control[i], valve[i], position[i])
+                finite[i] = is_sound(states[i])
+
+    return step_legs

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from .compensator import Context, Parameters, Wrapped
+from .legs import Together, stepper
 
 
 @dataclass(frozen=True)
@@ -16,3 +18,7 @@ class Started(Wrapped):
 
     def start(self, context: Context) -> Any:
         return self.inner.restore(context, self.learned)
+
+    def together(self, states: Sequence[Any]) -> Together:
+        """What steps these legs in one call."""
+        return stepper(self.inner, states)

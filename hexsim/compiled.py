@@ -17,19 +17,22 @@ from typing import Any
 
 from llvmlite.ir import Constant, PointerType
 from numba import config, njit, types
-from numba.core import cgutils, event, sigutils
+from numba.core import cgutils, event
 from numba.core.ccallback import CFunc
 from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, models, register_model
 
-from compensation.compiled_cache import check_cache, temporary_cache
+from compensation.compiled_cache import check_cache, native_function, temporary_cache
 
 LOCK = "numba:compiler_lock"
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once."""
+def compiled(function: Callable[..., Any], other_sources: str = "") -> Any:
+    """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once.
+
+    other_sources: digest of what it calls or whose layouts it holds of other packages.
+    """
     is_inlined = function.__module__.startswith("hexsim.hydraulics.")
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_inlined}
     try:
@@ -37,25 +40,13 @@ def compiled(function: Callable[..., Any]) -> Any:
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(nogil=True, **options)(function)
-    check_cache(dispatcher, sources_digest())
+    check_cache(dispatcher, sources_digest() + other_sources)
     return dispatcher
 
 
-def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
-    """A native C function of a signature, cached as `compiled` ones are (`numba.cfunc` compiles before the cache has a version)."""
-
-    def made(function: Callable[..., Any]) -> Any:
-        callback = CFunc(function, sigutils.normalize_signature(signature), {}, {"error_model": "numpy"})
-        try:
-            callback.enable_caching()
-        except RuntimeError:  # no locator, see `compiled`
-            config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
-            callback.enable_caching()
-        check_cache(callback, sources_digest())
-        callback.compile()
-        return callback
-
-    return made
+def compiled_callback(signature: Any, other_sources: str = "") -> Callable[[Callable[..., Any]], Any]:
+    """A native C function of a signature, cached as `compiled` ones are; other_sources as there."""
+    return lambda function: native_function(signature, function, sources_digest() + other_sources)
 
 
 @cache

@@ -125,14 +125,16 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         self.batch.step(nstep=self.substeps)
         rewards = episodes.advance(*self._legs())
         failed = ~np.isfinite(self.state["act"]).all(axis=1) | ~np.isfinite(rewards)
-        seen = np.nan_to_num(episodes.observations(self._pressure()))
+        seen = episodes.observations(self._pressure())
+        if failed.any():  # of others every number is finite
+            seen, rewards = np.nan_to_num(seen), np.nan_to_num(rewards)
         infos: dict[str, Any] = {"deviation_m_s2": episodes.deviation.copy(), "action_cut": episodes.is_cut.copy()}
         over = episodes.is_over
         if (ended := over | failed).any():
             infos |= {"final_obs": seen.copy(), "_final_obs": ended.copy()}
             self._begin(np.flatnonzero(ended))
             seen[ended] = episodes.observations(self._pressure())[ended]
-        return seen, np.nan_to_num(rewards), failed, over, infos
+        return seen, rewards, failed, over, infos
 
     def _delayed(self, volts: np.ndarray) -> np.ndarray:
         """Volts of so many ticks ago as each valve is late; before the first tick those of the first.

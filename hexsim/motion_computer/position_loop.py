@@ -71,23 +71,25 @@ class PositionLoop:
         if self.load is not None and self.pose_load is None and any(one.feels_legs for one in self.compensators):
             self.pose_load = PoseLoad.of(resolve(self.machine), self.load)
         self._seen = np.zeros((0, 2, len(legs)))  # positions and forces of the last SPAN ticks
-        self._areas = np.array([[context.area_bottom_m2, context.area_top_m2] for context in self._contexts]).T
+        self.areas = np.array([[context.area_bottom_m2, context.area_top_m2] for context in self._contexts]).T
         made = list(zip(self.compensators, self._contexts, strict=False))
         self.states: list[Any] = [c.start(context) for c, context in made]
         self.previews = [preview_count(*both, state) for both, state in zip(made, self.states, strict=True)]
         self.preview = max(self.previews, default=1)
         self.compensation = np.zeros(len(self._contexts))
         self._status = [""] * len(self.compensators)
-        self._ticks, self._added = 0, np.zeros(len(legs), np.int64)  # ticks so far; of each leg with volts added
-        self._counts = np.array([min(count, self.preview) for count in self.previews], np.int64)
+        self.ticks, self.added_ticks = (
+            np.zeros(1, np.int64),
+            np.zeros(len(legs), np.int64),
+        )  # so far; of each leg with volts added
+        self.counts = np.array([min(count, self.preview) for count in self.previews], np.int64)
         declared = [(one.name, context) for one, context in made]
-        self._alike = np.array([[own == other for other in declared] for own in declared])
+        self.alike = np.array([[own == other for other in declared] for own in declared])
         one = self.compensators[0] if self.compensators else None
-        self._together: GuardedLegs | None = None
-        if isinstance(one, Guarded) and len(self.compensators) > 1 and all(other is one for other in self.compensators):
-            self._together = one.together(self.states)
-        self._first_s: list[float | None] = [None] * len(self.compensators)
-        self._silent = True  # whether there is a leg that has added nothing yet
+        self.together: GuardedLegs | None = None
+        if isinstance(one, Guarded) and all(other is one for other in self.compensators):
+            self.together = one.together(self.states)
+        self.first_s = np.full(len(legs), np.nan)  # when each leg first added volts
 
     @property
     def feels_load(self) -> bool:
@@ -137,7 +139,7 @@ class PositionLoop:
                 time_s,
                 followed,
                 ahead,
-                self._counts,
+                self.counts,
                 positions,
                 asked,
                 self._commanded,
@@ -160,28 +162,36 @@ class PositionLoop:
     def _compensate(self, legs: Legs, asked: Array) -> None:
         """Add the compensators' volts to what the legs ask for."""
         may_speak = True
-        if self._together is None:
+        if self.together is None:
             added = np.zeros(len(asked))
             for i, (compensator, sample) in enumerate(zip(self.compensators, legs.samples(), strict=True)):
                 added[i], self.states[i] = compensator.step(self.states[i], sample)
         else:
-            added, may_speak = self._together.step(legs), self._together.may_speak
+            added, may_speak = self.together.step(legs), self.together.may_speak
         added *= self.compensation_share
         self.compensation[:] = added
         asked += added
-        self._ticks += 1
-        self._added += added != 0.0
-        if self._silent and added.any():
-            for i in np.flatnonzero(added):
-                if self._first_s[i] is None:
-                    self._first_s[i] = legs.time_s
-            self._silent = None in self._first_s
+        self.ticks += 1
+        self.added_ticks += added != 0.0
+        self._note_first(legs.time_s)
         if may_speak:
             self._note_status(legs.time_s)
-        if self._together is None:
-            tell(self.compensators, self.states, np.ones(len(asked), bool), self._alike)
+        if self.together is None:
+            tell(self.compensators, self.states, np.ones(len(asked), bool), self.alike)
         else:
-            self._together.share(self._alike)
+            self.together.share(self.alike)
+
+    def follow(self, time_s: float) -> None:
+        """What Python does beside a control tick in compiled code, at ticks that changed something."""
+        if self.together is not None:
+            self.together.follow()
+        self._note_first(time_s)
+        self._note_status(time_s)
+
+    def _note_first(self, time_s: float) -> None:
+        """When each leg has first added volts."""
+        for i in np.flatnonzero((self.compensation != 0.0) & np.isnan(self.first_s)):
+            self.first_s[i] = time_s
 
     def _note_status(self, time_s: float) -> None:
         """Say what has changed of the compensators' status."""
@@ -203,7 +213,7 @@ class PositionLoop:
         [m/s2], forces [N], speeds [m/s]. A reading that is missing stands for the one before. None where no compensator feels them."""
         if self.pose_load is None:
             return np.zeros((len(positions), 0)), np.zeros(len(positions)), NO_LOAD, NO_LOAD
-        forces = pressures * self._areas[0] - (supply_Pa if top_pressures is None else top_pressures) * self._areas[1]
+        forces = pressures * self.areas[0] - (supply_Pa if top_pressures is None else top_pressures) * self.areas[1]
         now = np.array((positions, forces))
         if not len(self._seen):
             self._seen = np.tile(now, (SPAN, 1, 1))
@@ -218,10 +228,10 @@ class PositionLoop:
         volts, and if it is not, which criterion keeps it out."""
         found = []
         for i, (made, state) in enumerate(zip(self.compensators, self.states, strict=True)):
-            first, reason = self._first_s[i], made.not_engaged(state)
+            reason, first = made.not_engaged(state), None if np.isnan(self.first_s[i]) else float(self.first_s[i])
             if not reason and first is None:
-                reason = "no tick with a pressure reading" if self._ticks == 0 else "it has added no volts"
-            share = float(self._added[i] / max(self._ticks, 1))
+                reason = "no tick with a pressure reading" if self.ticks[0] == 0 else "it has added no volts"
+            share = float(self.added_ticks[i] / max(self.ticks[0], 1))
             found.append(
                 {"leg": i + 1, "engaged": not reason, "engaged_at_s": first, "engaged_share": share, "reason": reason}
             )

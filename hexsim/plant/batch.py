@@ -57,6 +57,7 @@ class PlatformBatch:
         self._data = [mujoco.MjData(first) for _ in range(min(threads or os.cpu_count() or 1, n))]
         self._room = [(d.qpos, d.qvel, d.act, d.ctrl, time_view(d)) for d in self._data]
         self._states = tuple(np.zeros((n, len(values))) for values in self._room[0])
+        self._ends = np.linspace(0, n, len(self._data) + 1).astype(int).tolist()  # of the threads' shares
         self._pool = ThreadPoolExecutor(len(self._data), thread_name_prefix="machines")
 
     def bind(self, name: str) -> Array:
@@ -66,13 +67,10 @@ class PlatformBatch:
 
     def step(self, nstep: int = 1) -> None:
         """`nstep` time steps of every machine."""
-        ends = np.linspace(0, len(self.models), len(self._data) + 1).astype(int)
         native = native_platform().address
         made = [
             (native, self._addresses, data._address, room, self._states, nstep, first, last)
-            for data, room, first, last in zip(
-                self._data, self._room, ends[:-1].tolist(), ends[1:].tolist(), strict=True
-            )
+            for data, room, first, last in zip(self._data, self._room, self._ends[:-1], self._ends[1:], strict=True)
         ]
         if len(made) == 1:
             step_machines(*made[0])

@@ -21,9 +21,8 @@ from hexsim.plant.stepping import advance, apply_valve_delay_and_hysteresis, cop
 from hexsim.sensors.bank import measure
 
 Array = NDArray[np.float64]
-CONTROL: Any = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_int64
-)  # of a tick's number; not 0: the run ends before that tick
+# of what it needs, and a tick's number; not 0: the run ends before that tick
+CONTROL: Any = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int64)
 
 
 class Transducer(NamedTuple):
@@ -48,6 +47,7 @@ class PlainLoop(NamedTuple):
     bottom_places: NDArray[np.int64]  # of the pressures in the plant's states
     top_places: NDArray[np.int64]  # empty without pressure feedback from the rod sides
     asks: int  # address of a CONTROL that leaves the volts of a control tick in `volts`; 0: the controllers alone
+    needs: int  # address of what it needs
     volts: Array  # (n_legs,) at the valves
     added: Array  # (n_legs,) of them by compensators
     pressures: Array  # (ticks, n_legs) true ones, written down before CONTROL is asked; (0, n_legs): nobody asks
@@ -71,19 +71,22 @@ def load_pressures(context, loop, k):
     """p = P1 - P2 A2/A1 (n_legs,) as it is read at tick k [Pa]."""
     load = pressures(context, loop.bottom, loop.bottom_places, k)
     if loop.top_places.shape[0] > 0:
-        load -= loop.control.rows[:, C.AREA_RATIO] * pressures(context, loop.top, loop.top_places, k)
+        top = pressures(context, loop.top, loop.top_places, k)
+        for i in range(load.shape[0]):
+            load[i] -= loop.control.rows[i, C.AREA_RATIO] * top[i]
     return load
 
 
 @intrinsic  # type: ignore[misc]
-def call_control(typingctx: Any, address: Any, tick: Any) -> Any:  # type: ignore[misc]
+def call_control(typingctx: Any, address: Any, needs: Any, tick: Any) -> Any:  # type: ignore[misc]
     """Call a CONTROL at an address."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64)])
-        return builder.call(builder.inttoptr(args[0], ir.PointerType(kind)), [args[1]])
+        word = ir.IntType(64)
+        kind = ir.FunctionType(ir.IntType(32), [word, word])
+        return builder.call(builder.inttoptr(args[0], ir.PointerType(kind)), [args[1], args[2]])
 
-    return types.int32(types.uintp, types.int64), codegen
+    return types.int32(types.uintp, types.uintp, types.int64), codegen
 
 
 @compiled
@@ -99,7 +102,7 @@ def ask(context, loop, k):
     true_pressures(context, loop.bottom_places, loop.pressures[k])
     if loop.rod_sides.shape[0] > 0:
         true_pressures(context, loop.rod_side_places, loop.rod_sides[k])
-    if k % loop.every == 0 and call_control(loop.asks, k) != 0:  # pyright: ignore[reportCallIssue]
+    if k % loop.every == 0 and call_control(loop.asks, loop.needs, k) != 0:  # pyright: ignore[reportCallIssue]
         return False
     copy(loop.compensation[k], loop.added)
     return True
@@ -111,7 +114,7 @@ def plain_control(context, record, loop, k, load):
     sensor = loop.position
     measured = measure(record.positions[k], sensor.noise[k], sensor.gain, sensor.offset, sensor.resolution)
     if loop.control.rows[0, C.PRESSURE_GAIN] > 0.0:
-        load[:] = load_pressures(context, loop, k)
+        copy(load, load_pressures(context, loop, k))
     setpoint = loop.setpoints[k // loop.every]
     if k == 0:
         controller.begin(loop.control, loop.memory, setpoint, measured, load)

@@ -197,6 +197,11 @@ def step_warnings(error: float | None) -> list[str]:
     ]
 
 
+def _address(function: Any) -> int:
+    """Of a ctypes callback."""
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
 class TickLoop:
     """The tick-by-tick run: buffers, and one pass through time."""
 
@@ -299,7 +304,16 @@ class TickLoop:
 
         sensed, plant, none = self._sensed(), self.plant, np.zeros(0, np.int64)
         asks = bool(self.loop.compensators) or not all(self.sensors[stem].is_direct for stem in sensed)
-        self._asked = CONTROL(self._ask)  # kept as long as its address is used
+        self._asked, self._followed = (
+            CONTROL(self._ask),
+            CONTROL(self._follow),
+        )  # kept as long as their addresses are used
+        address, self._native = _address(self._asked) if asks else 0, None
+        if isinstance(self.loop, PositionLoop) and self.loop.compensators:
+            from hexsim.simulation.compensated_loop import CompensatedLoop
+
+            self._native = CompensatedLoop(self, self.loop, _address(self._followed))
+            address = self._native.address or address
         return PlainLoop(
             setpoints=self.setpoints,
             every=self.control_every,
@@ -310,7 +324,8 @@ class TickLoop:
             top=transducer(sensed[-1]),
             bottom_places=plant.pressure_places,
             top_places=plant.rod_side_places if "pressure_top" in sensed else none,
-            asks=(ctypes.cast(self._asked, ctypes.c_void_p).value or 0) if asks else 0,
+            asks=address,
+            needs=self._native.record.ctypes.data if self._native else 0,
             volts=self.volts,
             added=self.loop.compensation,
             pressures=self.pressures,
@@ -320,11 +335,18 @@ class TickLoop:
             given=np.zeros((0, len(self.volts))),
         )
 
-    def _ask(self, tick: int) -> int:
+    def _ask(self, needs: int, tick: int) -> int:
         """One control tick, for compiled code; not 0 where the run must end, with `_raised` as the reason."""
+        return self._guarded(partial(self._control, tick))
+
+    def _follow(self, needs: int, tick: int) -> int:
+        """The same of what Python does beside a compiled control tick."""
+        assert isinstance(self.loop, PositionLoop)
+        return self._guarded(partial(self.loop.follow, tick * self.tick_s))
+
+    def _guarded(self, task: Callable[[], None]) -> int:
         try:
-            self._control(tick)
-            self.volts[:] = self.loop.valve
+            task()
         except BaseException as problem:  # KeyboardInterrupt too: nothing may pass through compiled code
             self._raised = problem
             return 1
@@ -361,6 +383,7 @@ class TickLoop:
             sensors.supply(tick, self.plant.supply_pressure()),
             sensors.pressure_top(tick, self.rod_sides),
         )
+        self.volts[:] = self.loop.valve
         self.setpoints[step] = self.loop.setpoint  # a motion computer that guides the machine has its own
 
     def recorded(self) -> Recorded:

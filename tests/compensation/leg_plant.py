@@ -148,6 +148,7 @@ class Record:
     acceleration_m_s2: np.ndarray
     state: object
     statuses: list[tuple[float, str]] = field(default_factory=list)
+    known: dict = field(default_factory=dict)  # what the compensator has learned
 
     def peak(self, start_s: float, stop_s: float, frequency_Hz: float = 0.5, band_Hz: float | None = 50.0) -> float:
         """Largest deviation from the fundamental [m/s2]; in the band by a zero-phase 4th-order Butterworth."""
@@ -238,4 +239,6 @@ def run(
         arriving[k * steps + late : (k + 1) * steps + late] = follower
         position[k], valve[k], added[k] = s[0], sent, more
         _advance(s, arriving[now], row, STEP_S, true_m[now], acceleration[now])
-    return Record(np.arange(ticks) / rate_Hz, position, valve, added, acceleration, state, statuses)
+    return Record(
+        np.arange(ticks) / rate_Hz, position, valve, added, acceleration, state, statuses, compensator.parameters(state)
+    )

@@ -90,7 +90,7 @@ def test_iterative_with_function_2_shrinks_and_stays(uncompensated) -> None:
     assert peaks[-1] < uncompensated / 5
     assert np.all(np.diff(peaks[:4]) < 0)
     assert peaks[-3:].max() < 1.1 * peaks[-3:].min()
-    assert made.state.a_V == pytest.approx(made.state.q_V / 4, rel=0.15)
+    assert made.known["a_V"] == pytest.approx(made.known["q_V"] / 4, rel=0.15)
 
 
 def test_iterative_with_function_1_shrinks_then_grows() -> None:
@@ -105,7 +105,7 @@ def test_iterative_with_function_1_shrinks_then_grows() -> None:
     lowest = int(peaks.argmin())
     assert peaks[lowest] < 0.5 * peaks[0]
     assert peaks[lowest:].max() > 2 * peaks[lowest]
-    assert made.state.a_V > made.state.q_V / 2
+    assert made.known["a_V"] > made.known["q_V"] / 2
 
 
 def test_the_half_width_of_5_3_makes_it_worse(uncompensated) -> None:
@@ -134,7 +134,7 @@ def test_buffered_is_nearly_right_after_its_first_update(form, uncompensated, bu
     """Report 5.5: after the first two buffers a is within 20 % of q/4, and the peak is about halved at least."""
     corrected = form == "corrected"
     made = run(Buffered(), Leg(**REPORT_LEG), duration_s=8.0, **REPORT) if corrected else buffered_as_reported
-    a, q, _ = made.state.curves[0].target
+    a, q, _ = made.known["curves"][0]
     assert a == pytest.approx(q / 4, rel=0.2)
     assert made.peak(6.0, 8.0) < uncompensated / 1.8
 
@@ -142,7 +142,7 @@ def test_buffered_is_nearly_right_after_its_first_update(form, uncompensated, bu
 def test_buffered_is_unmoved_by_velocity_noise(buffered_as_reported) -> None:
     """Report 5.5: 2 mm/s of white velocity noise moves a and q by less than 2 %."""
     made = run(Buffered(form="report"), Leg(**REPORT_LEG), duration_s=8.0, velocity_noise_m_s=2e-3, **REPORT)
-    clean, noisy = (record.state.curves[0].target for record in (buffered_as_reported, made))
+    clean, noisy = (record.known["curves"][0] for record in (buffered_as_reported, made))
     assert noisy[:2] == pytest.approx(clean[:2], rel=0.02)
 
 
@@ -162,7 +162,7 @@ def test_two_curves_beat_one_on_a_valve_with_hysteresis() -> None:
     """Report chapter 6: on a valve with backlash, a curve for each sign of acceleration finds offsets of opposite
     sign."""
     made = run(Buffered(two_sided=True), Leg(**REPORT_LEG, backlash_V=0.05), duration_s=14.0, **LONG)
-    falling, rising = (curve.target[2] for curve in made.state.curves)
+    falling, rising = (curve[2] for curve in made.known["curves"])
     assert rising > 0.01 > -0.01 > falling
 
 

@@ -5,15 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import polars as pl
+import pytest
 
 import compensation.guard
 from compensation import Compensator, Context, Sample
 from compensation.adaptive import Adaptive
+from compensation.exact import E, Exact
 from compensation.guard import Guarded
 from compensation.legs import OneByOne
+from hexsim.machine import load_machine
+from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
+RUNG_V = 1e-9  # what rounding may make of volts in six seconds; a count of a transducer moves them by 1e-4
 LOST = {"kind": "position_sensor", "leg": 1, "time_s": 5.5}
 
 
@@ -31,6 +37,64 @@ def test_legs_together_are_legs_one_by_one(hexapod, monkeypatch):
     assert together.log.equals(apart.log)
     assert together.compensator_parameters == apart.compensator_parameters
     assert together.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy().any(axis=0).all()
+
+
+class Watching:
+    """An intervention that changes nothing: with it every tick is Python's."""
+
+    def before_step(self, time_s, plant, volts):
+        return volts
+
+
+@pytest.mark.parametrize(
+    ("legs", "name", "seconds"),
+    [
+        ("bench", "exact", 4.0),
+        ("bench", "iterative", 4.0),
+        ("bench", "repetitive", 12.0),  # a period is learned
+        ("micro_motion_system", "buffered_two_sided", 4.0),
+        ("micro_motion_system", "adaptive", 6.0),
+        ("servo_hexapod", "exact", 4.0),
+    ],
+)
+def test_compiled_control_ticks_are_python_s(monkeypatch, legs, name, seconds):
+    """Compensated without Python, and again with Python at every tick: the volts and what was learned are equal to rounding, on one leg,
+    on six, and on six with a chamber on either side."""
+    machine = load_machine(legs)
+    with_python = simulate(machine, short(seconds), compensator=name, fast=True, interventions=[Watching()])
+    monkeypatch.setattr(PositionLoop, "tick", None)
+    without = simulate(machine, short(seconds), compensator=name, fast=True)
+    volts = [one.log.select(pl.col("^compensation(_\\d)?_V$")).to_numpy() for one in (without, with_python)]
+    assert np.abs(volts[0]).max(axis=0).min() > 0.0
+    assert np.abs(volts[0] - volts[1]).max() < RUNG_V
+    assert without.summary["compensation"] == with_python.summary["compensation"]
+    assert flat(without.compensator_parameters) == pytest.approx(
+        flat(with_python.compensator_parameters), rel=1e-5, abs=1e-9
+    )
+
+
+def flat(tables) -> list[float]:
+    """All numbers within tables and lists."""
+    if isinstance(tables, dict | list):
+        return [x for part in (tables.values() if isinstance(tables, dict) else tables) for x in flat(part)]
+    return [tables] if isinstance(tables, int | float) else []
+
+
+def test_a_fault_of_a_guard_is_followed(hexapod):
+    """An algorithm that turns not finite in a compiled run is held off, starts anew after half a second, fails again; the run says so."""
+    run = simulate(hexapod, short(0.8), compensator=Guarded(Failing()), fast=True)
+    said = [text for _, _, text in run.messages]
+    assert sum("not finite" in text for text in said) == 12 and sum("normal again" in text for text in said) == 6
+    assert all("not finite" in leg["reason"] for leg in run.summary["compensation"])
+
+
+class Failing(Exact):
+    """Its slow mean of the pressure overflows at the first noise."""
+
+    def new_row(self, context):
+        row = super().new_row(context)
+        row[E.PRESSURE_SHARE] = 1e308
+        return row
 
 
 @dataclass(frozen=True)

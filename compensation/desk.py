@@ -1,0 +1,113 @@
+# pyright: reportPrivateImportUsage=false, reportCallIssue=false
+# (numba does not list its own functions, and intrinsics are called without their typing context)
+"""All legs of a machine at one tick for native code: a table of addresses, `LEGS`, that a control tick without Python fills and reads.
+
+`Desk` holds the arrays of `legs.Legs` in place, and the addresses of them. A tick of all legs is a C function void f(LEGS*, int what):
+STEP takes `acts` (n,) and leaves `added_V` and `finite`; SHARE lets those legs that act tell the others what they have learned.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import carray, types
+from numba.extending import intrinsic
+
+from .compiled import compiled
+from .records import record
+
+STEP, SHARE = 0, 1
+SIZES = (  # legs; columns of preview, loads, mobility; forces; of a state, and of a row beside it
+    "n", "most", "loads", "mobilities", "feels", "size", "width",
+)  # fmt: skip
+NUMBERS = ("time_s", "supply_Pa")
+OF_LEGS = (
+    "setpoint_m", "position_m", "control_V", "valve_V", "bottom_Pa", "top_Pa", "forward_V", "pose_m_s2", "added_V",
+)  # fmt: skip
+ADDRESSES = (
+    *OF_LEGS, "preview_m", "loads_m_s2", "mobility", "forces_N", "speeds_m_s", "counts", "acts", "finite", "alike", "states", "table",
+    "rows", "inner",
+)  # fmt: skip
+LEGS = record(**dict.fromkeys(SIZES + ADDRESSES, "i8"), **dict.fromkeys(NUMBERS, "f8"))
+TICK = types.void(types.voidptr, types.int32)
+
+
+@intrinsic
+def pointer(typingctx: Any, address: Any) -> Any:  # type: ignore[misc]
+    """An address as a pointer."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], context.get_value_type(types.voidptr))
+
+    return types.voidptr(types.int64), codegen
+
+
+@intrinsic
+def call_tick(typingctx: Any, address: Any, desk: Any, what: Any) -> Any:  # type: ignore[misc]
+    """Call a TICK at an address with a pointer to a LEGS."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [args[1].type, ir.IntType(32)])
+        builder.call(builder.inttoptr(args[0], ir.PointerType(kind)), [args[1], builder.trunc(args[2], ir.IntType(32))])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.voidptr, types.int64), codegen
+
+
+@compiled
+def doubles(address, n):
+    """n doubles at an address."""
+    return carray(pointer(address), (n,), np.float64)
+
+
+@compiled
+def rows(address, n, width):
+    """n rows of doubles at an address."""
+    return carray(pointer(address), (n, width), np.float64)
+
+
+@compiled
+def integers(address, n):
+    """n integers at an address."""
+    return carray(pointer(address), (n,), np.int64)
+
+
+@compiled
+def truths(address, n):
+    """n truth values at an address."""
+    return carray(pointer(address), (n,), np.bool_)
+
+
+class Desk:
+    """Arrays of n legs, and the record that says where they are. They are kept as long as the desk."""
+
+    def __init__(self, n: int, most: int, loads: int, feels: bool, counts: np.ndarray, alike: np.ndarray) -> None:
+        wide = n if feels else 0
+        self.arrays: dict[str, np.ndarray] = {name: np.zeros(n) for name in OF_LEGS}
+        self.arrays |= {
+            "preview_m": np.zeros((n, most)),
+            "loads_m_s2": np.zeros((n, loads)),
+            "mobility": np.zeros((n, wide)),
+            "forces_N": np.zeros(wide),
+            "speeds_m_s": np.zeros(wide),
+            "counts": np.array(counts, np.int64),
+            "acts": np.zeros(n, bool),
+            "finite": np.ones(n, bool),
+            "alike": np.array(alike, bool),
+        }
+        self.record = np.zeros(1, LEGS)
+        for name, size in zip(SIZES, (n, most, loads, wide, wide, 0, 0), strict=True):
+            self.record[name] = size
+        for name, array in self.arrays.items():
+            self.record[name] = array.ctypes.data
+
+    def place(self, states: np.ndarray, table: np.ndarray | None = None, rows: np.ndarray | None = None) -> None:
+        """Where the states of the legs are, one a row, a table of constants, and rows of doubles beside the states."""
+        self.record["size"] = states.strides[0] // 8
+        for name, array in (("states", states), ("table", table), ("rows", rows)):
+            if array is not None:
+                self.arrays[name] = array
+                self.record[name] = array.ctypes.data
+        self.record["width"] = 0 if rows is None else rows.shape[1]
