@@ -13,11 +13,10 @@ import time
 
 import numpy as np
 
+from hexsim.motion_computer import host_packet, monitors, telemetry
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.host_packet import HostCommand, Reply, unpack_command
-from hexsim.motion_computer.monitors import velocity_gain
+from hexsim.motion_computer.host_packet import HostCommand
 from hexsim.motion_computer.states import State
-from hexsim.motion_computer.telemetry import Telemetry
 
 STEP_s = 1e-3
 VISIBLE_m = 0.01
@@ -44,7 +43,7 @@ class FakeMachine:
         )
         self.n, self.mechanics, self.down_s = machine.n_legs, machine.mechanics, down_s
         self.gain, self.limit = machine.of_legs("controller", "gain_V_per_m"), machine.of_legs("valve", "voltage_max_V")
-        self.velocity_gain = velocity_gain(machine)
+        self.velocity_gain = monitors.velocity_gain(machine)
         self.stroke = machine.of_legs("cylinder", "stroke_m")
         self.position = self.mechanics.neutral_positions.copy()
         self.read, self.held, self.twin = self.position.copy(), None, self.position.copy()
@@ -75,7 +74,7 @@ class FakeMachine:
                 continue
             except OSError:
                 continue
-            command = unpack_command(data)
+            command = host_packet.unpack_command(data)
             if command is not None:
                 self.packets += 1
                 self._answer(command, peer)
@@ -160,7 +159,7 @@ class FakeMachine:
         if lie not in ("silent", "no_telemetry"):
             first_s = self.time_s - len(rows) * STEP_s
             for k in range(0, len(rows), 4):
-                packet = Telemetry(
+                packet = telemetry.Telemetry(
                     n_legs=self.n,
                     sequence=self.sequence,
                     time_s=first_s + k * STEP_s,
@@ -172,7 +171,7 @@ class FakeMachine:
                     self._socket.sendto(packet, peer)
         if lie == "silent" or (lie == "flood" and self.packets % 2):
             return
-        reply = Reply(
+        reply = host_packet.Reply(
             state=self.state,
             errors=Error.NONE,
             sequence=command.sequence,

@@ -14,11 +14,10 @@ from typer.testing import CliRunner
 
 import compensation
 from hexsim.cli import app
-from hexsim.motion_computer.compensator_packet import AskedCompensator
+from hexsim.motion_computer import compensator_packet, host_packet, telemetry
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.host_packet import HostCommand, unpack_reply
+from hexsim.motion_computer.host_packet import HostCommand
 from hexsim.motion_computer.states import State
-from hexsim.motion_computer.telemetry import Telemetry, unpack_telemetry
 
 PATH = Path(__file__).parents[1] / "examples" / "foreign_machine.py"
 PERIOD_s = 0.02
@@ -51,8 +50,8 @@ class Host:
         self.sequence += 1
         *rows, reply = self.sent
         self.sent = []
-        self.rows += [unpack_telemetry(row) for row in rows]
-        self.replies.append(unpack_reply(reply))
+        self.rows += [telemetry.unpack_telemetry(row) for row in rows]
+        self.replies.append(host_packet.unpack_reply(reply))
         return self.replies[-1]
 
     def until(self, state: State, command: str = "none"):
@@ -76,8 +75,12 @@ def test_the_pages_row_of_telemetry_is_one(host):
     machine's own rows."""
     page = (PATH.parents[1] / "docs" / "motion_computer.md").read_text(encoding="utf-8")
     [block] = [part for part in page.split("```") if part.strip().startswith(b"HXT1".hex())]
-    example = unpack_telemetry(bytes.fromhex(block))
-    assert isinstance(example, Telemetry) and (example.sequence, example.time_s, example.rate_Hz) == (41, 12.5, 500.0)
+    example = telemetry.unpack_telemetry(bytes.fromhex(block))
+    assert isinstance(example, telemetry.Telemetry) and (example.sequence, example.time_s, example.rate_Hz) == (
+        41,
+        12.5,
+        500.0,
+    )
     assert example.rows[0, [0, 1, 2, 4, 5, 6]] == pytest.approx([0.125, 0.1225, 3.375e6, 0.125, 7e6, 0.25])
     assert np.isnan(example.rows[0, [3, 7, 8, 9, 10, 11]]).all()
     host.until(State.NEUTRAL, "start")
@@ -111,7 +114,7 @@ def test_it_starts_follows_and_settles(host):
     for value in 0.03 * np.sin(2 * np.pi * 0.5 * t):
         assert host.send(value).state == State.NORMAL
     rows = host.rows[begin + 500 :]
-    assert all(isinstance(row, Telemetry) for row in rows)
+    assert all(isinstance(row, telemetry.Telemetry) for row in rows)
     assert [b.sequence - a.sequence for a, b in zip(rows, rows[1:], strict=False)] == [1] * (len(rows) - 1)
     y = np.array([row.rows[0, 1] for row in rows]) - 0.1
     time = np.array([row.time_s for row in rows])
@@ -143,9 +146,9 @@ def test_it_takes_a_compensator_in_pieces_and_plays_28_ms_later(host):
     ahead, and plain control comes back. In normal state, under an unknown name or as version 1 it is refused or ignored."""
     made = compensation.create("adaptive")
     learned = made.parameters(made.start(compensation.Context()))
-    asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=learned)
+    asked = compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=learned)
 
-    def ask(one: AskedCompensator):
+    def ask(one: compensator_packet.AskedCompensator):
         for packet in one.packets():
             host.machine.answer(packet, ("127.0.0.1", 1))
         return host.send()
@@ -167,7 +170,7 @@ def test_it_takes_a_compensator_in_pieces_and_plays_28_ms_later(host):
     assert int(np.argmax(setpoints > 0.1 + 1e-9)) == compensation.preview_count(made, compensation.Context()) - 1
     assert ask(replace(asked, parameters={})).refused  # moving
     host.until(State.NEUTRAL, "return_neutral")
-    assert not ask(AskedCompensator(leg=0, n_legs=1)).compensated
+    assert not ask(compensator_packet.AskedCompensator(leg=0, n_legs=1)).compensated
 
 
 @pytest.mark.slow  # three minutes: measuring, tracing, learning on the twin, two heaves
@@ -214,5 +217,5 @@ def test_over_a_socket():
         got = [own.recv(9000) for _ in range(13)]
     thread.join(5.0)
     computer.socket.close()
-    assert sum(isinstance(unpack_telemetry(data), Telemetry) for data in got) == 11
-    assert unpack_reply(got[-1]).state == State.OFF
+    assert sum(isinstance(telemetry.unpack_telemetry(data), telemetry.Telemetry) for data in got) == 11
+    assert host_packet.unpack_reply(got[-1]).state == State.OFF

@@ -7,7 +7,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.scenarios import load_scenario
-from hexsim.sensors.measurement_chain import export_scope, load_chain, mapping_path
+from hexsim.sensors import measurement_chain
 from hexsim.simulation import simulate
 from hexsim.tracing.friction.identification import identify_friction
 
@@ -45,8 +45,8 @@ def test_friction_parameters_come_back(experiment, tmp_path, through):
     machine, log = experiment
     path = tmp_path / "friction.csv"
     if through == "scope":
-        export_scope(log, path, load_chain())
-        read = read_log(path, mapping_path(path))
+        measurement_chain.export_scope(log, path, measurement_chain.load_chain())
+        read = read_log(path, measurement_chain.mapping_path(path))
     else:
         write_log(log, path)
         read = read_log(path)

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.cueing.washout import SMOOTHING_S, Washout
+from hexsim.cueing import washout as washouts
 from hexsim.files.run_folder import run_folder
 from hexsim.machine import load_machine
 from hexsim.qualification import Findings, MachineRig, Row, part60
@@ -38,14 +38,14 @@ def quick(washout, k, s):
 
 def lean(washout, s):
     w = washout.low_pass_rad_s
-    return w**2 / (s**2 + 2.0 * w * s + w**2) / (SMOOTHING_S * s + 1.0) ** 2
+    return w**2 / (s**2 + 2.0 * w * s + w**2) / (washouts.SMOOTHING_S * s + 1.0) ** 2
 
 
 @pytest.mark.parametrize("w", [W[0], *(pytest.param(w, marks=pytest.mark.slow) for w in W[1:])])
 def test_omct_is_the_washouts_transfer_function(w):
     """Slow enough in tilt for no rate limit: heave, surge with its leaning, pitch by surge, yaw, and surge force that pitch
     leaves: modulus and phase of the written equations within 2 % and 2 deg (the filters are sampled at 500 Hz)."""
-    washout = Washout(tilt_rate_rad_s=10.0)
+    washout = washouts.Washout(tilt_rate_rad_s=10.0)
     found = points(washout, w)
     s, scale = 1j * w, washout.scale
     turn = s * s / ((s + washout.turn_rad_s) * (s + washout.back_rad_s))  # rate from rate
@@ -102,7 +102,7 @@ def test_the_record_goes_on_behind_what_is_judged():
     """Surge through the washout: what is asked in the last 50 ms that are judged and the 100 ms after them, which compensators
     look ahead, has no acceleration beyond the largest before; the end of the record would be a stop of many times that."""
     machine = load_machine("micro_motion_system")
-    scenario = part60.washed_out(Washout(), "x", machine, (1.5, 0.5, 1.0))
+    scenario = part60.washed_out(washouts.Washout(), "x", machine, (1.5, 0.5, 1.0))
     time = np.arange(0.0, part60.LENGTH_S + 0.1, 1e-3)
     asked = np.abs(np.diff(scenario.signals["x"].value(time), 2)) / 1e-6
     ahead = time[1:-1] > part60.LENGTH_S - 0.05
@@ -117,7 +117,7 @@ def machine():
 def test_repeatability_of_a_simulated_machine(machine):
     """Heave under the rule's conditions: two runs differ by their sensors' noise, below 0.05 g and not by nothing; the trace
     holds both."""
-    rows, traces = part60.repeatability(MachineRig(machine), Washout(), "flight", axes=("z",))
+    rows, traces = part60.repeatability(MachineRig(machine), washouts.Washout(), "flight", axes=("z",))
     value = rows[0].value
     assert value is not None and 0.0 < value < 0.05 and rows[0].passed and "3.d" in rows[0].source
     columns = traces[0].columns

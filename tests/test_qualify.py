@@ -9,10 +9,11 @@ from scipy.signal import cont2discrete, lfilter
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.mechanics.kinematics import DOF_NAMES
+from hexsim.mechanics import kinematics
 from hexsim.qualification import QUICK, Battery, Motion, Plan, Row, measures, qualify
 from hexsim.scenarios import Scenario
-from hexsim.setpoints.signals import Sine, Triangle
+from hexsim.setpoints import signals
+from hexsim.setpoints.signals import Sine
 
 TAU = 0.03  # s, of the first-order system
 RATE = 1000.0
@@ -27,7 +28,7 @@ def lagged(command, tau=TAU):
 class LinearRig:
     """Six axes, each the same first-order lag; legs likewise. All answers are known."""
 
-    name, axes = "linear", DOF_NAMES
+    name, axes = "linear", kinematics.DOF_NAMES
 
     def __init__(self, tau=TAU):
         self.tau = tau
@@ -38,10 +39,10 @@ class LinearRig:
         answer, felt = (np.column_stack([lagged(c, self.tau) for c in x.T]) for x in (position, acceleration))
         return Motion(
             time_s=time,
-            commanded=dict(zip(DOF_NAMES, position.T, strict=True)),
-            response=dict(zip(DOF_NAMES, answer.T, strict=True)),
-            commanded_acceleration=dict(zip(DOF_NAMES, acceleration.T, strict=True)),
-            acceleration=dict(zip(DOF_NAMES, felt.T, strict=True)),
+            commanded=dict(zip(kinematics.DOF_NAMES, position.T, strict=True)),
+            response=dict(zip(kinematics.DOF_NAMES, answer.T, strict=True)),
+            commanded_acceleration=dict(zip(kinematics.DOF_NAMES, acceleration.T, strict=True)),
+            acceleration=dict(zip(kinematics.DOF_NAMES, felt.T, strict=True)),
             leg_setpoints=np.tile(position[:, 2:3], 6),
             leg_positions=np.tile(answer[:, 2:3], 6),
         )
@@ -59,7 +60,7 @@ def value(found, test, axis, figure):
     return rows[0].value
 
 
-@pytest.mark.parametrize("axis", DOF_NAMES)
+@pytest.mark.parametrize("axis", kinematics.DOF_NAMES)
 def test_describing_function_of_a_lag(linear, axis) -> None:
     """Gain 1/sqrt(1 + (w tau)^2) and phase -atan(w tau) at every frequency, in every axis."""
     curve = linear.curves["describing_function"][axis]
@@ -123,7 +124,7 @@ def test_hysteresis_of_a_backlash_behind_a_lag() -> None:
     """A play of 0.4 mm full width, seen through a lag: 0.4 mm, though the loops themselves are 1 mm and wider."""
     widths = []
     for speed in (0.01, 0.02):
-        signal = Triangle(amplitude=0.01, frequency_Hz=speed / 0.04)
+        signal = signals.Triangle(amplitude=0.01, frequency_Hz=speed / 0.04)
         time = np.arange(int(10 / signal.frequency_Hz / 4 * RATE)) / RATE
         command = signal.value(time)
         held, play = 0.0, np.empty_like(command)

@@ -19,9 +19,9 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.compensator_packet import AskedCompensator
+from hexsim.motion_computer import compensator_packet, host_packet
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
+from hexsim.motion_computer.host_packet import HostCommand
 from hexsim.motion_computer.states import State
 from hexsim.recording.run_files import write_essentials
 from hexsim.simulation.serve import Server, serve
@@ -38,7 +38,7 @@ class Host:
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(2.0)
         self.sequence = 0
-        self.reply: Reply | None = None
+        self.reply: host_packet.Reply | None = None
 
     def run(
         self, seconds: float, setpoint=lambda t: (0.0,) * 6, command: str = "none", every: int = 8, mode: int = 0
@@ -54,8 +54,8 @@ class Host:
                 self.sequence, command = self.sequence + 1, "none"
             self.server.tick()
             if k % every == 0:
-                reply = unpack_reply(self.socket.recv(REPLY.size))
-                assert isinstance(reply, Reply), reply
+                reply = host_packet.unpack_reply(self.socket.recv(host_packet.REPLY.size))
+                assert isinstance(reply, host_packet.Reply), reply
                 self.reply = reply
 
 
@@ -251,7 +251,7 @@ def test_a_bench_reports_its_pose_and_its_reference() -> None:
         assert host.reply.pose == pytest.approx((0, 0, 0.01, 0, 0, 0), abs=1.5e-3)
 
 
-def ask(host, server, asked: AskedCompensator) -> None:
+def ask(host, server, asked: compensator_packet.AskedCompensator) -> None:
     for packet in asked.packets():
         host.socket.sendto(packet, server.address)
 
@@ -264,7 +264,7 @@ def test_a_compensator_that_was_asked_for_twice_does_not_refuse_the_command_afte
         with contextlib.closing(host.socket):
             host.run(0.1)
             for _ in range(2):
-                ask(host, server, AskedCompensator(leg=0, n_legs=1))
+                ask(host, server, compensator_packet.AskedCompensator(leg=0, n_legs=1))
             host.run(0.1, command="run_normal")
         assert host.reply.state == State.NORMAL and not host.reply.refused
 
@@ -303,7 +303,7 @@ def test_a_packet_names_built_in_algorithms_alone(tmp_path: Path, monkeypatch, n
     monkeypatch.setattr("compensation.library.Library", lambda **how: loaded.append("library"))
     monkeypatch.setitem(sys.modules, "evil_module", None)
     monkeypatch.setattr("compensation.registry._import", loaded.append)
-    asked = AskedCompensator(leg=1, n_legs=1, name=name.format(folder=tmp_path), parameters={})
+    asked = compensator_packet.AskedCompensator(leg=1, n_legs=1, name=name.format(folder=tmp_path), parameters={})
     with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
         host = Host(server)
         with contextlib.closing(host.socket):
@@ -327,7 +327,7 @@ def test_nothing_is_made_while_the_machine_moves(monkeypatch) -> None:
             made = []
             monkeypatch.setattr(server.orders.asked, "_started", made.append)
             for k in range(20):
-                asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"k": k})
+                asked = compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"k": k})
                 ask(host, server, asked)
             host.run(0.1)
             assert host.reply.state == State.NORMAL and host.reply.refused and made == []
@@ -342,7 +342,11 @@ def test_parameters_of_any_kind_are_survived(parameters) -> None:
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1)
-            ask(host, server, AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=parameters))
+            ask(
+                host,
+                server,
+                compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=parameters),
+            )
             host.run(0.1)
             assert host.reply.state == State.NEUTRAL
 
@@ -398,7 +402,7 @@ class Lockstep:
         self.socket.sendto(command.pack(), self.server.address)
         self.server.follow()
         try:
-            return isinstance(unpack_reply(self.socket.recv(REPLY.size)), Reply)
+            return isinstance(host_packet.unpack_reply(self.socket.recv(host_packet.REPLY.size)), host_packet.Reply)
         except TimeoutError:
             return False
 
@@ -413,7 +417,7 @@ def test_a_stranger_gets_no_answer_in_lockstep() -> None:
                 stranger.socket.sendto(data, server.address)
                 server.follow()
             with pytest.raises(TimeoutError):
-                host.socket.recv(REPLY.size)
+                host.socket.recv(host_packet.REPLY.size)
 
 
 def test_what_waits_behind_a_pause_of_the_server_is_not_a_new_host() -> None:

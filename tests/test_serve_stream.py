@@ -13,7 +13,7 @@ from websockets.typing import Subprotocol
 
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.signals.table import table
+from hexsim.signals import table as signal_table
 from hexsim.simulation import stream as stream_module
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.serve import Server
@@ -36,11 +36,11 @@ def test_every_tick_is_a_row_of_the_logs_columns(name, request):
                 rows.append(json.loads(there.recv(65536)))
     n = machine.n_legs
     stems = ("setpoint", "position", "pressure_bottom", "valve", "compensation", "pressure_supply", "true_acceleration")
-    wanted = {column for stem in stems for column in table()[stem].columns(n)} | {"timestamp", "state"}
+    wanted = {column for stem in stems for column in signal_table.table()[stem].columns(n)} | {"timestamp", "state"}
     assert wanted <= rows[0].keys()
     steps = [b["timestamp"] - a["timestamp"] for a, b in zip(rows, rows[1:], strict=False)]
     assert steps == pytest.approx([1.0 / machine.controller.rate_Hz] * (TICKS - 1))
-    positions = [rows[-1][column] for column in table()["position"].columns(n)]
+    positions = [rows[-1][column] for column in signal_table.table()["position"].columns(n)]
     assert positions == pytest.approx(list(server._positions), abs=1e-9)
     assert rows[-1]["state"] == "neutral"
 
@@ -114,7 +114,7 @@ def test_foxglove_sees_the_rows():
 def test_the_layout_shows_columns_that_are_sent():
     """Every path of the layout in the package is a column of the log, of a bench or of a hexapod."""
     paths = re.findall(r'"value": "/hexsim\.(\w+)"', LAYOUT.read_text())
-    known = {column for signal in table().values() for n in (1, 6) for column in signal.columns(n)}
+    known = {column for signal in signal_table.table().values() for n in (1, 6) for column in signal.columns(n)}
     assert len(paths) > 30 and set(paths) <= known
 
 

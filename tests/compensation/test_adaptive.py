@@ -12,9 +12,8 @@ from leg_plant import AREA_BOTTOM, AREA_TOP, Leg, run, sine
 import compensation
 from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_plain
 from compensation import Context
-from compensation.adaptive import Adaptive, damping, estimator, fit
+from compensation.adaptive import Adaptive, damping, estimator, fit, prior
 from compensation.adaptive import leg as model
-from compensation.adaptive.prior import add_prior, fill_prior
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import load_scenario
@@ -130,7 +129,7 @@ def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
     """With the information of folded windows the prior's gradient and curvature are still those of its cost."""
     state = Adaptive().start(Context()).numbers
     fold = state.fit
-    fill_prior(fold, state.settings, 490.0)
+    prior.fill_prior(fold, state.settings, 490.0)
     random = np.random.default_rng(1)
     root = random.normal(size=(model.N_NUMBERS, model.N_NUMBERS))
     fold.folded_H[:] = root @ root.T
@@ -139,7 +138,7 @@ def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
 
     def cost(numbers: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         H, g = np.zeros((model.N_NUMBERS, model.N_NUMBERS)), np.zeros(model.N_NUMBERS)
-        return add_prior(fold, numbers, H, g), H, g
+        return prior.add_prior(fold, numbers, H, g), H, g
 
     _, H, g = cost(at)
     for k in range(model.N_NUMBERS):

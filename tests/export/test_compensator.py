@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import compensation
 from compensation import Context, Sample
-from compensation.legs import tell
+from compensation import legs as compensator_legs
 from compensation.native import native as described
 from hexsim.cli import app
 from hexsim.errors import HexsimError
@@ -106,7 +106,7 @@ def drive(made, states: list, rows: Sequence[list[Sample]] | Iterator[list[Sampl
     for row in rows:
         stepped = [made.step(state, sample) for state, sample in zip(states, row, strict=True)]
         volts, states = [added for added, _ in stepped], [state for _, state in stepped]
-        tell([made] * len(states), states, all_legs[0], all_legs)
+        compensator_legs.tell([made] * len(states), states, all_legs[0], all_legs)
         found.append((volts, [made.status(state) for state in states]))
         for leg, added, sample in zip(legs, volts, row, strict=False):
             leg.move(added + sample.control_V)

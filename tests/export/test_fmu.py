@@ -11,13 +11,13 @@ from typer.testing import CliRunner
 
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.chamber import VAPOUR
+from hexsim.hydraulics import chamber
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.machine.files import changed, machine_tables
 from hexsim.plant import Plant
 from hexsim.plant.readout import leg_signals, platform_signals
-from hexsim.signals.table import kind_of
+from hexsim.signals import table as signal_table
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
 fmpy = pytest.importorskip("fmpy", reason="FMPy runs the FMU: pip install hexsim[fmu]")
@@ -116,7 +116,7 @@ def by_plant(machine, model: str, volts: np.ndarray, timestep: float | None) -> 
 def worst_difference(names: list[str], found: np.ndarray, wanted: np.ndarray) -> float:
     """Of all signals, over the largest value of the signal in any leg or along any axis."""
     assert found.shape == wanted.shape
-    kinds = np.array([kind_of(name) for name in names])
+    kinds = np.array([signal_table.kind_of(name) for name in names])
     sizes = np.array([np.abs(wanted[:, kinds == kind]).max() for kind in kinds])
     assert (sizes > 1e-3).all()
     return float((np.abs(found - wanted) / sizes).max())
@@ -189,7 +189,7 @@ def test_a_chamber_that_cavitates_is_that_of_the_plant(fmus):
     _, fmu = fmus("bench")
     found, wanted = fmu.run(fmu.instance(), volts), by_plant(load_machine("bench"), "full", volts, 1e-4)
     bottom = fmu.outputs.index("pressure_bottom_Pa")
-    assert found[:, bottom].min() == VAPOUR
+    assert found[:, bottom].min() == chamber.VAPOUR
     assert worst_difference(fmu.outputs, found, wanted) < SAME
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg, ports, rod_side
-from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, P, declared_rows
+from hexsim.hydraulics import leg, parameters, ports, rod_side
+from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine import Machine
 from hexsim.machine.files import changed
 
@@ -131,7 +131,7 @@ def test_two_closed_edges_leave_the_three_way_leg(servo, bench):
     """With P-B and B-T shut off and the rod side on the supply all rates are those of the three-way leg, to the bit."""
     three = changed(bench, {k: v for k, v in FOUR_WAY.items() if k not in ("valve.kind", "cylinder.rod_side")})
     four = declared_rows(changed(servo, {"valve.edge_gains": (1.0, 1.0, 0.0, 0.0)}))[0]
-    four[P.ROD_SIDE_CHAMBER] = ROD_SIDE_SUPPLY
+    four[P.ROD_SIDE_CHAMBER] = parameters.ROD_SIDE_SUPPLY
     for x in (-3e-4, 0.0, 3e-4):
         state = (6e6, PS, x, 0.01, 0.0)
         instant = (0.1, 0.05, 2.0, 0.0, PS, state, 1e-4)

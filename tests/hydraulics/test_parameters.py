@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from hexsim.hydraulics import parameters
 from hexsim.hydraulics.effects import library
-from hexsim.hydraulics.parameters import LEARNED_TABLE, N_PARAMETERS, P, declared_rows
+from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -86,15 +87,15 @@ def test_declared_number_moves_no_other_place(bench, key, given):
 def test_all_legs_are_declared_alike(hexapod, bench):
     """Six equal rows for a hexapod, one for a bench of the same cylinder: the mass is not the row's."""
     rows = declared_rows(hexapod)
-    assert rows.shape == (6, N_PARAMETERS)
+    assert rows.shape == (6, parameters.N_PARAMETERS)
     assert np.all(rows == rows[0])
     np.testing.assert_array_equal(rows[0], declared_rows(bench)[0])
 
 
 def test_places_are_numbered_without_gap_or_overlap():
     """0, 1, 2 .. and the learned table behind them: no hole and no double in MuJoCo's `actuator_user`."""
-    assert [int(place) for place in P] == list(range(LEARNED_TABLE))
-    assert len(P.__members__) == LEARNED_TABLE  # no second name for a place
+    assert [int(place) for place in P] == list(range(parameters.LEARNED_TABLE))
+    assert len(P.__members__) == parameters.LEARNED_TABLE  # no second name for a place
 
 
 def neutral_settings(effect):

@@ -8,8 +8,8 @@ import pytest
 
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg
-from hexsim.hydraulics.parameters import P, declared_rows, flow_points
+from hexsim.hydraulics import leg, parameters
+from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.studies.valve_test import valve_test
@@ -83,8 +83,8 @@ def test_flow_curve_in_other_units(machine):
         "flow_unit": "1",
     }
     for other in (volts, shares):
-        again = flow_points(changed(machine, {"valve.flow_curve": other}).valve, 860.0)
-        np.testing.assert_allclose(again, flow_points(machine.valve, 860.0), rtol=1e-7, atol=1e-18)
+        again = parameters.flow_points(changed(machine, {"valve.flow_curve": other}).valve, 860.0)
+        np.testing.assert_allclose(again, parameters.flow_points(machine.valve, 860.0), rtol=1e-7, atol=1e-18)
 
 
 def test_slew_time_and_lap_in_percent():

@@ -6,8 +6,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolve import resolve
+from hexsim.machine import geometry
 from hexsim.machine.files import changed
-from hexsim.machine.geometry import moving_body, platform_body
 from hexsim.plant import Plant
 from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
@@ -25,7 +25,7 @@ def loaded(hexapod):
 
 def test_a_payload_joins_the_platform_by_the_parallel_axis_theorem(hexapod):
     """M = m1 + m2, c = (m1 c1 + m2 c2)/M, I_c = sum I_i + m_i (d_i.d_i 1 - d_i d_i'), d_i = c_i - c: products included."""
-    body = platform_body(hexapod.load, loaded(hexapod).payload)
+    body = geometry.platform_body(hexapod.load, loaded(hexapod).payload)
     total = 600.0 + 150.0
     place = np.array(CABIN["position_m"])
     centre = 150.0 * place / total
@@ -41,7 +41,7 @@ def test_the_plant_moves_as_that_body_does(hexapod):
     """MuJoCo's mass matrix of the tendon model, the platform's own joint: that of the joined body, and its weight on the legs."""
     machine = loaded(hexapod)
     plant = Plant(machine, model="tendon")
-    body = moving_body(resolve(machine))
+    body = geometry.moving_body(resolve(machine))
     plant_mass = plant.model.body_subtreemass[plant.model.body("platform").id]
     assert plant_mass == pytest.approx(body.mass, rel=1e-9)
     force = (

@@ -6,10 +6,10 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.motion_computer import monitors
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.guidance import Guidance
-from hexsim.motion_computer.monitors import Tolerances, velocity_gain
 from hexsim.motion_computer.states import State
 
 MACHINE = load_machine("micro_motion_system")
@@ -28,7 +28,7 @@ class IdealMachine:
         self.supply, self.time = SUPPLY, 0.0
         self.setpoints, self.volts = [], []
         self.random = np.random.default_rng(0)
-        self.gain = velocity_gain(machine)
+        self.gain = monitors.velocity_gain(machine)
 
     def run(self, seconds, wanted=None, reading=lambda y: y):
         for _ in range(round(seconds / TICK)):
@@ -209,7 +209,7 @@ def test_the_lag_of_the_loop_is_no_error() -> None:
         machine.run(4.0, heave)
         assert not machine.computer.findings
         lag = np.abs(np.array(machine.setpoints[-500:])[:, 0] - machine.positions[0]).max()
-        assert lag > Tolerances().leg_error_m
+        assert lag > monitors.Tolerances().leg_error_m
 
 
 def test_a_lost_transducer_is_replaced_by_the_model() -> None:

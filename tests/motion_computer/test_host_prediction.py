@@ -7,10 +7,9 @@ from scipy.signal import butter, sosfiltfilt
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
+from hexsim.motion_computer import host_prediction, host_process
 from hexsim.motion_computer.host_buffer import HostBuffer
 from hexsim.motion_computer.host_packet import HostCommand
-from hexsim.motion_computer.host_prediction import AXES, KEPT, add_setpoint, new_prediction, predicted
-from hexsim.motion_computer.host_process import POINTS, TREND, add_process, fit_process
 from hexsim.simulation.hosted import Host, played
 
 BENCH = load_machine("bench")
@@ -20,17 +19,17 @@ TICK = 0.002
 def test_a_polynomial_is_continued_exactly() -> None:
     """A quintic in each axis, at uneven times: 40 ms beyond the newest of 60 setpoints position within the
     predictors' floor of 2e-7 m, velocity 2e-5 m/s and acceleration 2e-3 m/s2: low orders keep a weight where they do as well."""
-    rng, prediction = np.random.default_rng(0), new_prediction()
-    powers = rng.normal(0.0, 0.05, (AXES, 6))
+    rng, prediction = np.random.default_rng(0), host_prediction.new_prediction()
+    powers = rng.normal(0.0, 0.05, (host_prediction.AXES, 6))
     times = np.cumsum(rng.uniform(0.01, 0.024, 60))
     truth = [np.polynomial.Polynomial(row) for row in powers]
     values = np.column_stack([one(times) for one in truth])
-    motions = np.full((60, 3, AXES), np.nan)
+    motions = np.full((60, 3, host_prediction.AXES), np.nan)
     motions[:, 0] = values
     for k in range(1, 61):
-        first = max(0, k - KEPT)
-        add_setpoint(prediction, times[first:k], motions[first:k], 0.017, 0.03)
-    found = predicted(prediction, times[-1] + 0.04)
+        first = max(0, k - host_prediction.KEPT)
+        host_prediction.add_setpoint(prediction, times[first:k], motions[first:k], 0.017, 0.03)
+    found = host_prediction.predicted(prediction, times[-1] + 0.04)
     for row, tolerance in enumerate((2e-7, 2e-5, 2e-3)):
         expected = [one.deriv(row)(times[-1] + 0.04) if row else one(times[-1] + 0.04) for one in truth]
         assert found[row] == pytest.approx(expected, abs=tolerance)
@@ -184,13 +183,13 @@ def test_a_process_goes_through_its_points_and_has_its_own_slopes() -> None:
     rng = np.random.default_rng(2)
     times = np.cumsum(rng.uniform(0.01, 0.03, 20))
     places = np.column_stack([np.sin(2 * np.pi * f * times) + f for f in (0.5, 1.0, 2.0)])
-    weights, trend = np.zeros((POINTS, 3)), np.zeros((TREND, 3))
+    weights, trend = np.zeros((host_process.POINTS, 3)), np.zeros((host_process.TREND, 3))
     motions = np.repeat(places[:, None], 3, axis=1)
-    fit_process(times, motions, 20, 0.1, weights, trend)
+    host_process.fit_process(times, motions, 20, 0.1, weights, trend)
 
     def at(time):
         out = np.zeros((3, 3))
-        add_process(times, 20, weights, trend, 0.1, time, np.ones(3), out)
+        host_process.add_process(times, 20, weights, trend, 0.1, time, np.ones(3), out)
         return out
 
     assert np.array([at(time)[0] for time in times]) == pytest.approx(places, abs=1e-4)

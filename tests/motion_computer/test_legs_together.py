@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import compensation.guard
-from compensation import Compensator, Context, Sample
+from compensation import Compensator, Context, Sample, guard, legs
 from compensation.adaptive import Adaptive
-from compensation.guard import Guarded
-from compensation.legs import OneByOne
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
@@ -26,7 +24,7 @@ def test_legs_together_are_legs_one_by_one(hexapod, monkeypatch):
     equal to the bit."""
     scenario = replace(short(6.0), faults=(LOST,))
     together = simulate(hexapod, scenario, compensator="adaptive", fast=True)
-    monkeypatch.setattr(compensation.guard, "stepper", OneByOne)
+    monkeypatch.setattr(compensation.guard, "stepper", legs.OneByOne)
     apart = simulate(hexapod, scenario, compensator="adaptive", fast=True)
     assert together.log.equals(apart.log)
     assert together.compensator_parameters == apart.compensator_parameters
@@ -54,7 +52,7 @@ class Counting(Compensator):
 
 def test_a_new_state_at_each_step_is_kept(hexapod):
     """Half a second at 500 Hz: each leg's state has counted the ticks."""
-    run = simulate(hexapod, short(0.5), compensator=Guarded(Counting()), fast=True)
+    run = simulate(hexapod, short(0.5), compensator=guard.Guarded(Counting()), fast=True)
     counted = [leg["steps"] for leg in run.compensator_parameters]
     assert len(set(counted)) == 1 and abs(counted[0] - 250) <= 1
 
@@ -67,6 +65,6 @@ class Stepping(Adaptive):
 
 def test_what_a_derived_algorithm_does_is_done(hexapod):
     """A step of its own adds 10 mV to every leg."""
-    run = simulate(hexapod, short(0.5), compensator=Guarded(Stepping(name="derived")), fast=True)
+    run = simulate(hexapod, short(0.5), compensator=guard.Guarded(Stepping(name="derived")), fast=True)
     added = run.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy()
     assert np.allclose(added[100:], 0.01)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.effects import effect_setting, library
+from hexsim.hydraulics import effects
+from hexsim.hydraulics.effects import library
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
@@ -35,10 +36,10 @@ def machine_for(name: str):
 def test_a_plant_with_the_effect_switched_on_is_the_plant_that_always_had_it(name):
     """Rows, supply, masses, springs and gravity are those of a plant built with the effect; before, those without."""
     machine = machine_for(name)
-    plant = Plant(machine, later=[effect_setting(machine, name, typical(name), "test:")])
+    plant = Plant(machine, later=[effects.effect_setting(machine, name, typical(name), "test:")])
     np.testing.assert_array_equal(plant.rows, Plant(machine).rows)
     plant.tick(np.zeros(machine.n_legs))
-    plant.switch_on(*effect_setting(machine, name, typical(name), "test:"))
+    plant.switch_on(*effects.effect_setting(machine, name, typical(name), "test:"))
     always = Plant(changed(machine, {f"effects.{name}": typical(name)}))
     np.testing.assert_array_equal(plant.rows, always.rows)
     np.testing.assert_array_equal(plant.resolved.supply, always.resolved.supply)

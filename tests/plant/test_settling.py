@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import manifold
-from hexsim.hydraulics.leg import friction_force
+from hexsim.hydraulics import leg, manifold
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -36,7 +35,7 @@ def test_lowering_speed_by_hand(lowered):
     p, machine = plant.rows[0], plant.machine
     k = 800
     assert s.position[k, 0] > 1.5 * p[P.SETTLING_TAPER]
-    friction = abs(friction_force(p, s.position[k, 0], s.velocity[k, 0], s.pressure_bottom[k, 0], 0.0))
+    friction = abs(leg.friction_force(p, s.position[k, 0], s.velocity[k, 0], s.pressure_bottom[k, 0], 0.0))
     load = machine.load.moving_mass_kg * machine.machine.gravity_m_s2
     held = (load + p[P.SUPPLY_PRESSURE] * p[P.AREA_TOP] - friction) / p[P.AREA_BOTTOM]
     speed = p[P.SETTLING_GAIN] * math.sqrt(held - p[P.TANK_PRESSURE]) / p[P.AREA_BOTTOM]

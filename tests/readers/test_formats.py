@@ -15,7 +15,7 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.readers import files, formats, read_log
 from hexsim.readers.formats import text
-from hexsim.setpoints.signals import read_setpoint_file
+from hexsim.setpoints import signals
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 ARROW = '''"""Arrow's own files."""
@@ -57,7 +57,7 @@ def test_a_format_of_ones_own_is_one_file(table, tmp_path, monkeypatch):
     files.readers.cache_clear()
     try:
         log = read_log(tmp_path / "run.arrow")
-        setpoints = read_setpoint_file(tmp_path / "run.arrow")
+        setpoints = signals.read_setpoint_file(tmp_path / "run.arrow")
         assert files.log_files(tmp_path, "run") == tmp_path / "run.arrow"
     finally:
         files.readers.cache_clear()

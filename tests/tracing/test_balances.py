@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
-from hexsim.hydraulics.leg import valve_volts
+from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.readers import log_files, read_log
 from hexsim.signals.channels import noise_of
@@ -88,7 +88,7 @@ def test_without_the_file_there_is_no_such_balance():
 
 def test_a_valve_delay_of_a_broken_sample_is_one():
     """Volts that rise by 1 a sample, 2.4 samples late: 2.4 lower everywhere behind the start."""
-    late = valve_volts(np.arange(20.0), 0.0, 2.4)
+    late = leg.valve_volts(np.arange(20.0), 0.0, 2.4)
     assert late[3:] == pytest.approx(np.arange(20.0)[3:] - 2.4)
     assert np.all(late[:3] == [0.0, 0.0, 0.0])
 

@@ -10,7 +10,7 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.readers import load_mapping, read_log
-from hexsim.signals.table import table
+from hexsim.signals import table as signal_table
 from hexsim.tracing.checks.checks import check_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -65,7 +65,7 @@ def test_the_python_of_the_page_runs(my_machine, monkeypatch, capsys):
     exec(compile(effect, "step 7", "exec"), names)
     assert names["EFFECT"].name == "hose_compliance"
     exec(compile(sensor, "step 8", "exec"), names)
-    assert names["SENSOR"].source in table()
+    assert names["SENSOR"].source in signal_table.table()
 
 
 def test_every_toml_block_is_valid(tmp_path):

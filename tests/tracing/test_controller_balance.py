@@ -6,7 +6,7 @@ import pytest
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import load_scenario
-from hexsim.signals.channels import declared_noise
+from hexsim.signals import channels
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
 from hexsim.tracing.balances.controller import Loop, loops_of
@@ -39,10 +39,10 @@ def test_the_loop_that_runs_is_read_off_a_log(bench, tmp_path, name):
     assert found.gain == pytest.approx(1.2 if name == "controller_gain" else 1.0, rel=1e-3)
     assert found.delay_ticks == pytest.approx(1.5 if name == "computing_delay" else 0.0, abs=0.02)
     assert Loop().wants(log, bench)
-    assert feedback_of(bench, [log], declared_noise(bench)) == 0
+    assert feedback_of(bench, [log], channels.declared_noise(bench)) == 0
     without, with_it = (float(np.std(used(log, Loop().residual(log, one)))) for one in (bench, running))
     assert with_it < 0.02 * without
-    problem = SimulatedProblem(logs=(log,), noise=declared_noise(bench))
+    problem = SimulatedProblem(logs=(log,), noise=channels.declared_noise(bench))
     assert np.sqrt(np.mean(problem.residual(running, 0) ** 2)) < 1.2
     assert np.sqrt(np.mean(problem.residual(bench, 0) ** 2)) > 5.0
 
@@ -59,4 +59,4 @@ def test_another_controller_is_no_loop_of_another_gain(bench, tmp_path):
     """Velocity feed-forward in the volts: no gain and delay of a position loop gives them, so that the volts drive."""
     log = logged(changed(bench, {"controller.velocity_feed_forward_V_s_per_m": 3.0}), tmp_path)
     assert loops_of(log, bench) is None
-    assert feedback_of(bench, [log], declared_noise(bench)) == 1
+    assert feedback_of(bench, [log], channels.declared_noise(bench)) == 1

@@ -5,7 +5,8 @@ import math
 import pytest
 
 from hexsim.cli.trace import print_trace
-from hexsim.hydraulics.effects import effect_named, library
+from hexsim.hydraulics import effects
+from hexsim.hydraulics.effects import library
 from hexsim.tracing.fitting.parameters import end_of_range, named
 from hexsim.tracing.report.content import effect_entry
 from hexsim.tracing.report.readings import term_sentence
@@ -73,4 +74,4 @@ def test_no_effect_begins_at_an_end_of_its_range() -> None:
         for number in own.parameters:
             if number.typical and math.isfinite(number.typical):
                 assert end_of_range(number, number.typical) == "", (own.name, number.name)
-    assert end_of_range(effect_named("entrained_air").parameters[0], 0.0) == "lower"
+    assert end_of_range(effects.effect_named("entrained_air").parameters[0], 0.0) == "lower"

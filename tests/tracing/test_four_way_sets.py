@@ -10,7 +10,7 @@ from test_real_machines import MEASURED
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import declared_noise
+from hexsim.signals import channels
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.design.motions import setpoint_log
@@ -72,7 +72,7 @@ def test_a_pressure_difference_alone_gives_the_force_balance_of_equal_areas():
     machine = load_machine("servo_bench")
     moved = {"kind": "sine", "amplitude": 0.05, "frequency_Hz": 0.8}
     motion = {"name": "heave", "mode": "actuator", "duration_s": 4.0, "fade_s": 1.0, "axes": {"leg_1": moved}}
-    problem = SimulatedProblem(logs=(setpoint_log(machine, motion),), noise=declared_noise(machine))
+    problem = SimulatedProblem(logs=(setpoint_log(machine, motion),), noise=channels.declared_noise(machine))
     both = problem.simulated(changed(machine, {"effects.spring": {"stiffness_N_m": 2e4}}), 0)
     assert both.pressure is not None and both.signal("pressure_top") is not None
     difference = both.pressure - both.signal("pressure_top")
@@ -97,7 +97,7 @@ def test_a_start_in_motion_leaves_no_drift(tmp_path):
     logs, _ = read_runs(tmp_path, ["sweep"], machine)
     known = {prior: true[UNCERTAIN[prior.key][0]] / prior.declared - 1.0 for prior in priors(machine)}
     leak = (named("leakage_across_piston"), {"conductance_m3_s_Pa": true["cross_leak"]})
-    problem = SimulatedProblem(logs=tuple(logs), noise=declared_noise(machine))
+    problem = SimulatedProblem(logs=tuple(logs), noise=channels.declared_noise(machine))
     rest = problem.residual(with_settings(machine, known, [leak]), 0)[:4]
     means = 20.0 * rest[:, : rest.shape[1] // 400 * 400].reshape(4, -1, 400).mean(axis=2)
     assert np.abs(means).max() < 5.0

@@ -7,7 +7,7 @@ from other_plant import write_machine
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import SETTLE_S
+from hexsim.signals import channels
 from hexsim.simulation.faults import EffectFault
 from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.balances.sensor import Imu
@@ -53,7 +53,7 @@ def test_a_balance_holds_again_with_the_effect(hexapod, name):
     built = changed(hexapod, {f"effects.{name}": table})
     problem = SimulatedProblem(logs=(setpoint_log(hexapod, MOTION).head(4.0),), noise=NOISE)
     usual, log = problem.simulated(hexapod, 0), problem.simulated(built, 0)
-    first = int((SETTLE_S + 0.1) * log.rate)
+    first = int((channels.SETTLE_S + 0.1) * log.rate)
     floor = balance().residual(usual, hexapod)[:, first:-100]
     without, with_it = (balance().residual(log, machine)[:, first:-100] for machine in (hexapod, built))
     assert np.linalg.norm(with_it - floor) < 0.2 * np.linalg.norm(without - floor)

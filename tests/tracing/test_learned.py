@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
-from hexsim.hydraulics.learned import memories, term
+from hexsim.hydraulics import learned
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -105,7 +105,7 @@ def test_the_simulator_takes_back_what_the_residual_shows(form):
         dependence=found, balance="force", violation=SimpleNamespace(where="leg 1", machine=SimpleNamespace(n_legs=1))
     )
     row = resolve(changed(machine, {"effects": {"learned_term": curve_table(rest)}})).rows[0]
-    taken = np.array([term(row, a, b, 0.0, 0.0, 0.0, 0.0) for a, b in zip(y[::20], v[::20], strict=True)])
+    taken = np.array([learned.term(row, a, b, 0.0, 0.0, 0.0, 0.0) for a, b in zip(y[::20], v[::20], strict=True)])
     assert np.sqrt(np.mean((taken + truth[::20]) ** 2)) < 2.0
 
 
@@ -135,6 +135,6 @@ def test_a_time_constant_is_found_and_put_into_the_simulator(form, memory_s):
         dependence=found, balance="force", violation=SimpleNamespace(where="leg 1", machine=SimpleNamespace(n_legs=1))
     )
     row, none = resolve(changed(machine, {"effects": {"learned_term": curve_table(own)}})).rows[0], np.zeros(len(t))
-    m = memories(row, y, v, none, P1, none, t)
-    taken = np.array([term(row, y[i], v[i], 0.0, P1[i], 0.0, t[i], m[i]) for i in range(0, len(t), 20)])
+    m = learned.memories(row, y, v, none, P1, none, t)
+    taken = np.array([learned.term(row, y[i], v[i], 0.0, P1[i], 0.0, t[i], m[i]) for i in range(0, len(t), 20)])
     assert np.sqrt(np.mean((taken + rest[::20]) ** 2)) < 3.0

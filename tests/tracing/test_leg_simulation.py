@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.hydraulics.chamber import VAPOUR
+from hexsim.hydraulics import chamber
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
-from hexsim.signals.channels import channel_arrays, kind_of, noise_of
+from hexsim.signals import channels
+from hexsim.signals.channels import noise_of
 from hexsim.simulation import simulate
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -81,12 +82,14 @@ def test_chambers_that_cavitate_move_as_in_the_plant():
     tables = {"name": "blocks", "mode": "actuator", "duration_s": 2.0, "fade_s": 0.5, "axes": {"leg_1": block}}
     run = simulate(machine, scenario_from_dict(tables))
     assert any("cavitated" in text for text in run.warnings)
-    answer = channel_arrays(SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=NOISE).simulated(machine, 0))
+    answer = channels.channel_arrays(
+        SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=NOISE).simulated(machine, 0)
+    )
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
-        assert np.std(theirs - own[: len(theirs)]) < max(NOISE[kind_of(name)], 0.02 * np.std(theirs)), name
+        assert np.std(theirs - own[: len(theirs)]) < max(NOISE[channels.kind_of(name)], 0.02 * np.std(theirs)), name
         if "pressure" in name:
-            assert own.min() >= VAPOUR
+            assert own.min() >= chamber.VAPOUR
 
 
 def moves_as_in_the_plant(machine):
@@ -97,10 +100,10 @@ def moves_as_in_the_plant(machine):
     }  # fmt: skip
     run = simulate(machine, scenario_from_dict(tables))
     log = setpoint_log(machine, tables)
-    answer = channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
+    answer = channels.channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
-        assert np.std(theirs - own[: len(theirs)]) < 0.33 * NOISE[kind_of(name)], name
+        assert np.std(theirs - own[: len(theirs)]) < 0.33 * NOISE[channels.kind_of(name)], name
 
 
 @pytest.mark.parametrize(
@@ -130,11 +133,11 @@ def test_a_payload_on_a_spring_rides_as_in_the_plant(spring, axis):
     }  # fmt: skip
     run = simulate(machine, scenario_from_dict(tables))
     log = setpoint_log(machine, tables)
-    answer = channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
+    answer = channels.channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
     assert np.std(answer[f"acceleration_{axis}_m_s2"]) > 0.3
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
-        assert np.std(theirs - own[: len(theirs)]) < NOISE[kind_of(name)], name
+        assert np.std(theirs - own[: len(theirs)]) < NOISE[channels.kind_of(name)], name
 
 
 @pytest.mark.parametrize("folder", ["bench_none", "bench_hysteresis"])

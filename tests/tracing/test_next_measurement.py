@@ -16,7 +16,7 @@ from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.host_limiter import setpoints_of
+from hexsim.motion_computer import host_limiter
 from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
 from hexsim.signals.channels import noise_of
@@ -80,7 +80,7 @@ def test_the_first_motions_use_what_the_machine_may(name):
     assert all(tables is not None for tables in made)
     assert {next(iter(tables["axes"].values()))["kind"] for tables in made[:8]} == set(KINDS)
     assert {"machine" in tables for tables in made[:8]} == {True, False}
-    found = family.limiter.motion(setpoints_of(machine, made[0]))
+    found = family.limiter.motion(host_limiter.setpoints_of(machine, made[0]))
     used = [
         max(
             float(np.max(np.abs(derivatives[k]).max(axis=0) / getattr(family.limiter.limits[what], kind)))

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hexsim.hydraulics.effects import effect_named
+from hexsim.hydraulics import effects
 from hexsim.identification import rounds
 from hexsim.tracing.design.next_measurement import surviving
 from hexsim.tracing.design.words import ALL_KNOWN, beside_one_term
@@ -52,8 +52,8 @@ def test_what_is_known_is_said_under_both_names(hose) -> None:
 
 def test_only_effects_with_the_same_term_have_two_names() -> None:
     """A hose and a dead volume; an incline and a constant force, alike at one load, are two: another load takes them apart."""
-    assert effect_named("hose_compliance").term == effect_named("dead_volume").term != ""
-    assert effect_named("incline").term == effect_named("constant_force").term == ""
+    assert effects.effect_named("hose_compliance").term == effects.effect_named("dead_volume").term != ""
+    assert effects.effect_named("incline").term == effects.effect_named("constant_force").term == ""
 
 
 def test_a_design_does_not_try_to_tell_two_names_apart(hose) -> None:

@@ -9,7 +9,7 @@ from other_plant import write_machine
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import load_scenario
-from hexsim.signals.channels import declared_noise
+from hexsim.signals import channels
 from hexsim.simulation import simulate
 from hexsim.tracing.simulation.rig import DECLARED_LOOP, LOGGED_VOLTS, OWN_TRANSDUCER
 from hexsim.tracing.steps.logs import begin, feedback_of, read_runs
@@ -62,7 +62,7 @@ def test_an_error_that_the_loop_reads_itself_is_in_the_declared_loop(error, tmp_
         tmp_path / "run.parquet"
     )
     [log], _ = read_runs(tmp_path, ["run"], bench)
-    assert feedback_of(bench, [log], declared_noise(bench)) == DECLARED_LOOP
+    assert feedback_of(bench, [log], channels.declared_noise(bench)) == DECLARED_LOOP
 
 
 def test_volts_that_no_transducer_explains_drive_the_model(tmp_path):
@@ -71,4 +71,4 @@ def test_volts_that_no_transducer_explains_drive_the_model(tmp_path):
     built = changed(bench, {"controller.velocity_feed_forward_V_s_per_m": 3.0, "sensors.position_gain": 1.005})
     simulate(built, load_scenario("multisine", duration_s=4.0), seed=3).log.write_parquet(tmp_path / "run.parquet")
     [log], _ = read_runs(tmp_path, ["run"], bench)
-    assert feedback_of(bench, [log], declared_noise(bench)) == LOGGED_VOLTS
+    assert feedback_of(bench, [log], channels.declared_noise(bench)) == LOGGED_VOLTS

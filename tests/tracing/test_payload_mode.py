@@ -5,9 +5,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolve import resolve
-from hexsim.machine import load_machine
+from hexsim.machine import geometry, load_machine
 from hexsim.machine.files import changed
-from hexsim.machine.geometry import legs_beyond_body, machine_kinematics
 from hexsim.signals.log import Log
 from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.fitting.parameters import candidates
@@ -26,7 +25,7 @@ def log_with(machine, **payload):
     fade, poses = np.clip(t, 0.0, 1.0), np.zeros((len(t), 6))
     for k, reach in enumerate((0.008, 0.008, 0.008, 0.01, 0.01, 0.01)):
         poses[:, k] = reach * fade * sum(np.sin(2 * np.pi * f * (1 + 0.07 * k) * t + k * f) for f in (0.4, 1.3, 3.1))
-    setpoint = machine_kinematics(machine).piston_positions(poses).T
+    setpoint = geometry.machine_kinematics(machine).piston_positions(poses).T
     asked = Log(name="swing", kind="hexapod", time=t, rate=RATE_Hz, setpoint=setpoint, position=setpoint)
     return answered(changed(machine, {"effects": {"flexible_payload": payload}}), asked)
 
@@ -70,6 +69,6 @@ def test_the_platform_balance_has_the_legs_own_mass_in_surge():
     log = log_with(machine, mass_kg=0.0)
     inner = slice(1500, -500)
     surge, force = log.acceleration[0, inner], Platform().residual(log, machine)[0, inner]
-    beyond_kg = legs_beyond_body(resolve(machine))[0, 0]
+    beyond_kg = geometry.legs_beyond_body(resolve(machine))[0, 0]
     assert abs(beyond_kg) > 1.0
     assert abs(surge @ force / (surge @ surge)) < 0.2 * abs(beyond_kg)

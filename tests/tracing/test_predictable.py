@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.signals.channels import channel_arrays
+from hexsim.signals import channels
 from hexsim.tracing import rules
 from hexsim.tracing.predictable import predicted
 from hexsim.tracing.report.content import remarks
@@ -93,7 +93,7 @@ def test_nothing_missing_is_not_said_of_a_transducer_that_reads_another_pressure
     logs = tuple(replace(log, supply=log.supply + 0.003 * (log.pressure[0] - 3.5e6)) for log in trace.fit_problem.logs)
     told = hold_against_signals(replace(trace, fit_problem=replace(trace.fit_problem, logs=logs)), lambda doing: None)
     assert told.verdict == "unexplained" and told.predicted[0].channel == "pressure_supply_Pa"
-    assert told.predicted[0].signal in channel_arrays(logs[0]) and told.predicted[0].sentence in remarks(told)
+    assert told.predicted[0].signal in channels.channel_arrays(logs[0]) and told.predicted[0].sentence in remarks(told)
     small = replace(trace, verdict="explained", fit_problem=replace(trace.fit_problem, logs=logs))
     unsure = hold_against_signals(
         small, lambda doing: None

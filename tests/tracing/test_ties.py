@@ -9,7 +9,8 @@ import pytest
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
-from hexsim.signals.channels import channel_arrays, noise_of
+from hexsim.signals import channels
+from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.fitting.fit import parameter_columns, start_fit, with_effects
@@ -80,7 +81,7 @@ def test_oil_that_rings_as_a_log_begins_has_any_phase(bench):
         SimulatedProblem(logs=(own,), noise=noise).with_input_uncertainty(machine).input_uncertainty[0]
         for own in (log, ringing)
     )
-    k, tenth = list(channel_arrays(log)).index("pressure_bottom_Pa"), round(0.1 * log.rate)
+    k, tenth = list(channels.channel_arrays(log)).index("pressure_bottom_Pa"), round(0.1 * log.rate)
     assert wide[k, :20].min() > 1e4 > 5 * quiet[k, :20].max()
     assert np.allclose(wide[k, -tenth:], quiet[k, -tenth:], rtol=0.1)
 
