@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexsim.files.log_files import write_log
+from hexsim.files import log_files
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
@@ -48,7 +48,7 @@ def test_friction_parameters_come_back(experiment, tmp_path, through):
         measurement_chain.export_scope(log, path, measurement_chain.load_chain())
         read = read_log(path, measurement_chain.mapping_path(path))
     else:
-        write_log(log, path)
+        log_files.write_log(log, path)
         read = read_log(path)
     result = identify_friction(read, machine)
     for name, declared in result.declared.items():

@@ -15,12 +15,10 @@ import compensation
 from compensation import Context
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.identification import bump, host, identify, plan, rounds
-from hexsim.identification.bump import taken_apart, worst
-from hexsim.identification.host import LOCKED_SHARE, Host, LATE_s, check_clock
-from hexsim.identification.link import Link
+from hexsim.identification import bump, identify, plan, record, rounds
+from hexsim.identification import host as hosts
+from hexsim.identification import link as links
 from hexsim.identification.picture import errors_by_kind
-from hexsim.identification.record import Round, Story
 from hexsim.identification.rounds import check_careful
 from hexsim.identification.story import write_story
 from hexsim.identification.telemetry_log import log_of
@@ -105,8 +103,8 @@ def test_telemetry_that_cannot_be_used_is_refused(packets, says):
 def test_a_clock_that_runs_off_is_refused(ran, share):
     """Beyond its share and two packets, to either side; within them it passes."""
     with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
-        check_clock("the telemetry's clock", ran, 20.0, share)
-    check_clock(
+        hosts.check_clock("the telemetry's clock", ran, 20.0, share)
+    hosts.check_clock(
         "the telemetry's clock", 20.0 + 0.9 * (ran - 20.0) * (share * 20.0 + 0.02) / abs(ran - 20.0), 20.0, share
     )
 
@@ -115,10 +113,10 @@ def test_in_real_time_the_ends_of_a_motion_are_known_less_well():
     """A motion of 5.01 s of which 4.96 s of telemetry came, as measured on loopback: refused in lockstep, taken in real
     time; a clock 1 % off is still refused in a motion of 20 s."""
     with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
-        check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, LATE_s)
-    check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, 0.1)
+        hosts.check_clock("the telemetry's clock", 4.96, 5.01, hosts.LOCKED_SHARE, hosts.LATE_s)
+    hosts.check_clock("the telemetry's clock", 4.96, 5.01, hosts.LOCKED_SHARE, 0.1)
     with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
-        check_clock("the telemetry's clock", 20.2, 20.0, LOCKED_SHARE, 0.1)
+        hosts.check_clock("the telemetry's clock", 20.2, 20.0, hosts.LOCKED_SHARE, 0.1)
 
 
 LONG = compensator_packet.AskedCompensator(
@@ -221,7 +219,7 @@ def test_a_host_puts_a_compensator_into_the_loop_and_takes_it_out(served):
     learned = made.parameters(made.start(Context()))
     asked = compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=learned)
     assert [one.name for one in AskedCompensators(served.machine).take(asked) or []] == ["adaptive"]  # compiles it
-    with Host(served.address) as host:
+    with hosts.Host(served.address) as host:
         host.exchange()
         for name, wrong in (
             ("os:system", learned),
@@ -247,7 +245,7 @@ def test_the_bump_is_the_worst_peak_from_the_second_reversal_on():
         felt += (0.8 if k == round(bump.FADE_s) else 0.3) * (-1) ** k * np.exp(-(((time - k - 0.5) / 0.02) ** 2))
     log = pl.DataFrame({"time_s": time, "acceleration_m_s2": felt})
     for given in (log, log.filter(pl.int_range(pl.len()) % 97 != 5)):
-        assert worst(taken_apart(load_machine("bench"), given)) == pytest.approx(0.3, abs=0.04)
+        assert bump.worst(bump.taken_apart(load_machine("bench"), given)) == pytest.approx(0.3, abs=0.04)
 
 
 def with_held_out(folder):
@@ -260,7 +258,7 @@ def with_held_out(folder):
 
 def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp_path, monkeypatch):
     """Ctrl-C while it moves, passed on by every later call of the display: the machine ends off, and the story says so."""
-    monkeypatch.setattr(host.Host.settle, "__defaults__", (120.0,))  # s, of a computer that does other work, too
+    monkeypatch.setattr(hosts.Host.settle, "__defaults__", (120.0,))  # s, of a computer that does other work, too
     calls = []
 
     def show(doing: str, share: float) -> None:
@@ -391,11 +389,11 @@ def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
 def test_another_host_takes_over_in_lockstep(served):
     """The first host is gone while the machine follows it: machine time stands still, and yet a second one gets in after a
     second of silence, lowers the machine, and starts it again."""
-    with Host(served.address) as first:
+    with hosts.Host(served.address) as first:
         first.until(State.NEUTRAL)
         first.exchange(command="run_normal")
     time.sleep(1.3)
-    with Host(served.address) as second:
+    with hosts.Host(served.address) as second:
         assert second.exchange().state == State.NORMAL
         second.until(State.NEUTRAL, "return_neutral")
         second.until(State.OFF, "settle")
@@ -404,7 +402,10 @@ def test_another_host_takes_over_in_lockstep(served):
 
 def test_nobody_there():
     """An address at which no machine answers is named."""
-    with Host(("127.0.0.1", 9)) as host, pytest.raises(HexsimError, match=r"no machine answers at 127\.0\.0\.1:9"):
+    with (
+        hosts.Host(("127.0.0.1", 9)) as host,
+        pytest.raises(HexsimError, match=r"no machine answers at 127\.0\.0\.1:9"),
+    ):
         host.exchange()
 
 
@@ -434,10 +435,10 @@ def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
         link.reply = replace(answer, sequence=newest, state=state, refused=taken and refused)
         return True
 
-    monkeypatch.setattr(Link, "receive", late)
-    monkeypatch.setattr(Link, "send", lambda link, data: sent.append(data))
-    monkeypatch.setattr(Host, "_due", lambda host: 0.0)
-    with Host(("127.0.0.1", 9)) as host:
+    monkeypatch.setattr(links.Link, "receive", late)
+    monkeypatch.setattr(links.Link, "send", lambda link, data: sent.append(data))
+    monkeypatch.setattr(hosts.Host, "_due", lambda host: 0.0)
+    with hosts.Host(("127.0.0.1", 9)) as host:
         for _ in range(asked):
             host.exchange()
         if refused:
@@ -452,9 +453,9 @@ def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
     now, sent = [100.0], []
     monkeypatch.setattr("hexsim.identification.host.clock.monotonic", lambda: now[0])
     monkeypatch.setattr("hexsim.identification.host.clock.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
-    monkeypatch.setattr(Link, "send", lambda link, data: sent.append(now[0]))
-    monkeypatch.setattr(Link, "receive", lambda link, until_s, wanted=None: True)
-    with Host(("127.0.0.1", 9)) as host:
+    monkeypatch.setattr(links.Link, "send", lambda link, data: sent.append(now[0]))
+    monkeypatch.setattr(links.Link, "receive", lambda link, until_s, wanted=None: True)
+    with hosts.Host(("127.0.0.1", 9)) as host:
         host._link.reply = host_packet.Reply(
             state=State.NEUTRAL,
             errors=Error.NONE,
@@ -479,7 +480,7 @@ def test_a_driven_machine_sends_the_log_of_a_run(served):
     """Motion over packets in lockstep: positions within 0.2 mm of the same scenario run headless, once the delay of the
     host's buffer is taken off; every channel of a bench's log is there at the log rate."""
     machine = load_machine("bench")
-    with Host(served.address, machine) as host:
+    with hosts.Host(served.address, machine) as host:
         log = host.drive(host_limiter.setpoints_of(machine, BENCH_HEAVE))
     wanted = {"setpoint_m", "position_m", "pressure_bottom_Pa", "valve_V", "pressure_supply_Pa", "acceleration_m_s2"}
     assert wanted <= set(log.columns)
@@ -506,7 +507,7 @@ def test_the_story_names_what_is_named(tmp_path):
         "tied_with": [],
     }
     curve = {"name": None, "where": "leg 1"}
-    only = Round(
+    only = record.Round(
         number=1,
         purpose="a rich motion",
         log="round_1",
@@ -515,7 +516,7 @@ def test_the_story_names_what_is_named(tmp_path):
         effects=[leak, curve],
         error=error,
     )
-    story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended="done", machine_s=72.0)
+    story = record.Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended="done", machine_s=72.0)
     page = write_story(story).read_text(encoding="utf-8")
     assert "What the declared machine is missing: leakage supply to chamber (explained)." in page
     assert "1 round, 1.2 minutes" in page
@@ -526,11 +527,11 @@ def test_the_page_says_what_a_partly_explained_machine_keeps(tmp_path):
     """The rest that has no name stands beside the verdict and in the round's line; the verdict is said once; a bump that is no
     smaller is no 1/1."""
     found = {"name": "valve_hysteresis", "where": "leg 1", "parameters": {"half_width_V": 0.026}}
-    only = Round(
+    only = record.Round(
         number=1, purpose="a rich motion", log="round_1", verdict="partly", sentences=(), effects=[found], error={}
     )
     ended = "partly: nothing is left to be told apart, and every number is sharp"
-    story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended=ended)
+    story = record.Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended=ended)
     page = write_story(story).read_text(encoding="utf-8")
     assert "What the declared machine is missing: valve hysteresis (partly: a residual without a name remains)." in page
     assert "It ended because: nothing is left to be told apart" in page

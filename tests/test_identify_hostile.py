@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.identification.host import Host, MachineFault
-from hexsim.identification.link import READ, Link
+from hexsim.identification import host as hosts
+from hexsim.identification import link as links
 from hexsim.identification.plan import planned
 from hexsim.machine import load_machine
 from hexsim.motion_computer import host_limiter, telemetry
@@ -40,7 +40,7 @@ def motion(machine, amplitude=0.03, frequency=0.5):
 
 def drive(fake, machine, rows=None, patience_s=3.0):
     """Start, drive, and what came of it. patience_s: without a reply, the host's own."""
-    with Host(fake.address, machine, patience_s=patience_s) as host:
+    with hosts.Host(fake.address, machine, patience_s=patience_s) as host:
         host.until(State.NEUTRAL, "start")
         try:
             return host.drive(motion(machine) if rows is None else rows)
@@ -90,7 +90,7 @@ def test_a_fault_of_a_machine_without_monitors_is_noticed(fault, name, leg, at_s
     or turns; what then leaves the host is within the limits."""
     machine = MACHINES[name]
     with FakeMachine(machine, fault=fault, leg=leg, at_s=at_s) as fake:
-        with pytest.raises(MachineFault, match=FAULTS[fault].format(leg=leg + 1)):
+        with pytest.raises(hosts.MachineFault, match=FAULTS[fault].format(leg=leg + 1)):
             drive(fake, machine)
         assert fake.state == State.OFF
     assert fake.broke_s < fake.stopped_s <= (fake.visible_s or fake.stopped_s) + 0.5
@@ -158,11 +158,11 @@ def test_memory_stays_flat_under_a_flood(spread):
     packet = telemetry.Telemetry(
         n_legs=1, sequence=0, time_s=0.0, rate_Hz=1000.0, rows=np.zeros((1, telemetry.width(1)))
     )
-    link = Link(("127.0.0.1", 9), patience_s=3.0)
+    link = links.Link(("127.0.0.1", 9), patience_s=3.0)
     try:
         for k in range(50_000):
             link._take(replace(packet, sequence=k, time_s=spread * k).pack())
-        assert len(link.telemetry) <= READ
+        assert len(link.telemetry) <= links.READ
     finally:
         link.close()
 

@@ -10,7 +10,7 @@ from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 from hexsim.cli import app
-from hexsim.cli.schema import machine_schema, scenario_schema
+from hexsim.cli import schema as schemas
 from hexsim.hydraulics.effects import library
 from hexsim.machine import models_folder
 from hexsim.scenarios.scenario import FOLDER
@@ -22,12 +22,12 @@ SCENARIOS = list(FOLDER.glob("*.toml"))
 
 @pytest.fixture(scope="module")
 def machine():
-    return Draft202012Validator(machine_schema())
+    return Draft202012Validator(schemas.machine_schema())
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return Draft202012Validator(scenario_schema())
+    return Draft202012Validator(schemas.scenario_schema())
 
 
 def test_there_are_files_to_check():

@@ -24,7 +24,8 @@ from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_packet import HostCommand
 from hexsim.motion_computer.states import State
 from hexsim.recording.run_files import write_essentials
-from hexsim.simulation.serve import Server, serve
+from hexsim.simulation import serve as serving
+from hexsim.simulation.serve import Server
 
 MACHINE = load_machine("micro_motion_system")
 
@@ -207,7 +208,7 @@ def test_it_binds_to_loopback_unless_told_otherwise(server) -> None:
 def test_real_time_is_kept_and_said() -> None:
     """Half a second of machine time takes at least half a second; the status tells margin and lag."""
     begin = time.perf_counter()
-    status = serve(MACHINE, port=0, duration_s=0.5, timestep=2e-4)
+    status = serving.serve(MACHINE, port=0, duration_s=0.5, timestep=2e-4)
     assert time.perf_counter() - begin >= 0.5 - 0.002
     assert status.time_s == pytest.approx(0.5)
     assert status.margin > 1.0

@@ -15,8 +15,8 @@ from hexsim.cueing import protocols, toml_protocol
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer.states import State
-from hexsim.simulation.serve import HostInput, Server
-from hexsim.simulation.vehicle_link import Vehicle
+from hexsim.simulation import serve, vehicle_link
+from hexsim.simulation.serve import Server
 
 G = 9.81
 SHIPPED = Path(__file__).parents[1] / "examples" / "protocols"
@@ -180,8 +180,8 @@ def test_a_rigs_packets_move_the_legs(made):
     """Six actuators at 60 Hz to 20 mm on the bench's one leg: it goes there, holds through 0.3 s of silence without a fault,
     and comes back to neutral after a longer one, where the machine still runs."""
     packets = made('format = "text"\n' + fields({"leg_1_m": "column = 0\nfactor = 0.001"}))
-    vehicle = Vehicle(decode=packets, name="rig")
-    server = Server(load_machine("bench"), port=0, host_input=HostInput(vehicle=vehicle))
+    vehicle = vehicle_link.Vehicle(decode=packets, name="rig")
+    server = Server(load_machine("bench"), port=0, host_input=serve.HostInput(vehicle=vehicle))
     with server, contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as rig:
 
         def play(seconds: float, sends: bool) -> float:

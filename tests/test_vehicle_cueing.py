@@ -14,8 +14,8 @@ from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer.states import State
 from hexsim.recording.washout_figure import washout_figure
-from hexsim.simulation.serve import HostInput, Server
-from hexsim.simulation.vehicle_link import Vehicle
+from hexsim.simulation import serve, vehicle_link
+from hexsim.simulation.serve import Server
 
 beamng, flightgear, outsim, xplane, xplane12, xplane_rref = (
     protocols.PROTOCOLS[name] for name in ("beamng", "flightgear", "outsim", "xplane", "xplane12", "xplane-rref")
@@ -279,8 +279,10 @@ def drive(server: Server, seconds: float, packet, every: int = 8):
 
 
 def hexapod(**more) -> Server:
-    vehicle = Vehicle(decode=flightgear, name="flightgear", **more)
-    return Server(load_machine("micro_motion_system"), port=0, host_input=HostInput(vehicle=vehicle), timestep=2e-4)
+    vehicle = vehicle_link.Vehicle(decode=flightgear, name="flightgear", **more)
+    return Server(
+        load_machine("micro_motion_system"), port=0, host_input=serve.HostInput(vehicle=vehicle), timestep=2e-4
+    )
 
 
 def test_a_flight_model_moves_the_machine() -> None:
@@ -368,7 +370,9 @@ def test_xplane_is_asked_until_it_answers_and_told_the_end() -> None:
     vehicle = vehicle_of(f"xplane-rref@127.0.0.1:{xplane_socket.getsockname()[1]}", strict=False)
     everything = [(60, index) for index in range(1, 7)]
     with xplane_socket:
-        with Server(load_machine("bench"), port=0, host_input=HostInput(vehicle=vehicle), timestep=2e-4) as server:
+        with Server(
+            load_machine("bench"), port=0, host_input=serve.HostInput(vehicle=vehicle), timestep=2e-4
+        ) as server:
             for _ in range(round(1.5 / server.tick_s)):
                 server.tick()
             assert asked() == 2 * everything
@@ -389,7 +393,7 @@ def test_a_clock_that_stands_still_is_a_pause() -> None:
     with Server(
         load_machine("bench"),
         port=0,
-        host_input=HostInput(vehicle=Vehicle(decode=outsim, name="outsim")),
+        host_input=serve.HostInput(vehicle=vehicle_link.Vehicle(decode=outsim, name="outsim")),
         timestep=2e-4,
     ) as server:
         for _ in drive(server, 1.5, lambda: struct.pack("<I12f3i", 16 * next(clock), *main, 0, 0, 0)):
@@ -463,7 +467,7 @@ def test_a_take_off_is_felt(tmp_path, monkeypatch) -> None:
         load_machine("micro_motion_system/tuned"),
         port=0,
         timestep=2e-4,
-        host_input=HostInput(vehicle=Vehicle(decode=flightgear)),
+        host_input=serve.HostInput(vehicle=vehicle_link.Vehicle(decode=flightgear)),
     ) as server:
         host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         while waiting:

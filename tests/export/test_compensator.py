@@ -21,7 +21,7 @@ from compensation import legs as compensator_legs
 from compensation.native import native as described
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.export.compensator import export_compensator, header, learned_of
+from hexsim.export import compensator
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
@@ -33,7 +33,7 @@ CONTEXT = Context()
 def exported(tmp_path_factory) -> Path:
     """Folder of the export for this system; the library linked by zig."""
     pytest.importorskip("ziglang", reason="the library is linked by the wheel `ziglang`: pip install hexsim[fmu]")
-    export_compensator("adaptive", "x86_64-linux", out := tmp_path_factory.mktemp("adaptive"), CONTEXT)
+    compensator.export_compensator("adaptive", "x86_64-linux", out := tmp_path_factory.mktemp("adaptive"), CONTEXT)
     return out
 
 
@@ -237,7 +237,7 @@ FUNCTIONS = {
 def test_the_windows_library_has_the_functions_and_needs_windows_alone(tmp_path):
     """The DLL: 64 bit, exports the header's functions, imports from kernel32 and the C runtime only."""
     pefile = pytest.importorskip("pefile")
-    written = export_compensator("adaptive", "x86_64-windows", tmp_path, CONTEXT)
+    written = compensator.export_compensator("adaptive", "x86_64-windows", tmp_path, CONTEXT)
     assert {path.name for path in written} >= {"hexsim_adaptive.dll", "hexsim_adaptive.o", "hexsim_adaptive.h"}
     dll = pefile.PE(str(tmp_path / "hexsim_adaptive.dll"))
     assert dll.FILE_HEADER.Machine == 0x8664
@@ -258,7 +258,7 @@ def test_the_windows_library_has_the_functions_and_needs_windows_alone(tmp_path)
 @pytest.mark.slow
 def test_the_arm_library_is_for_arm(tmp_path):
     """The library for aarch64: an ELF file of that machine, with the header's functions in its table of names."""
-    export_compensator("adaptive", "aarch64-linux", tmp_path, CONTEXT)
+    compensator.export_compensator("adaptive", "aarch64-linux", tmp_path, CONTEXT)
     content = (tmp_path / "libhexsim_adaptive.so").read_bytes()
     assert content[:5] == b"\x7fELF\x02" and int.from_bytes(content[18:20], "little") == 183  # EM_AARCH64
     assert all(function.encode() + b"\0" in content for function in FUNCTIONS)
@@ -284,7 +284,7 @@ def test_learned_numbers_go_into_the_header():
     made = compensation.create("adaptive")
     parameters = made.parameters(made.start(CONTEXT))
     parameters["numbers"]["mass"] = 54321.5
-    text = header("adaptive", CONTEXT, parameters)
+    text = compensator.header("adaptive", CONTEXT, parameters)
     array = re.search(r"hexsim_adaptive_learned\[\d+\] = \{([^}]*)\}", text)
     names = re.search(r"Places in `parameters`. \*/\nenum \{([^}]*)\}", text)
     assert array and names
@@ -296,12 +296,12 @@ def test_learned_numbers_go_into_the_header():
 def test_what_cannot_be_exported_is_refused(tmp_path):
     """Another compensator, another target, a learned.json that is none, a library that is none: one sentence each."""
     with pytest.raises(HexsimError, match="'buffered' cannot be exported as native code"):
-        export_compensator("buffered", "x86_64-linux", tmp_path, CONTEXT)
+        compensator.export_compensator("buffered", "x86_64-linux", tmp_path, CONTEXT)
     with pytest.raises(HexsimError, match="target 'vax' is unknown"):
-        export_compensator("adaptive", "vax", tmp_path, CONTEXT)
+        compensator.export_compensator("adaptive", "vax", tmp_path, CONTEXT)
     with pytest.raises(HexsimError, match="holds no parameters of `adaptive` for leg 1"):
         (tmp_path / "learned.json").write_text('{"legs": [{"numbers": {"ln_spool": 4.0}}]}')
-        learned_of("adaptive", tmp_path / "learned.json", 1)
+        compensator.learned_of("adaptive", tmp_path / "learned.json", 1)
     (tmp_path / "learned.json").write_text('{"legs": []}')
     arguments = [
         "export",

@@ -15,8 +15,7 @@ from hexsim.hydraulics import chamber
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.machine.files import changed, machine_tables
-from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals, platform_signals
+from hexsim.plant import Plant, readout
 from hexsim.signals import table as signal_table
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
@@ -102,11 +101,11 @@ def by_plant(machine, model: str, volts: np.ndarray, timestep: float | None) -> 
         plant.tick(command)
     r = plant.record
     time = np.arange(len(volts)) * STEP
-    legs = leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
+    legs = readout.leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
     top = [legs.pressure_top] if machine.cylinder.rod_side != "supply" else []
     found = [legs.position, legs.velocity, legs.pressure_bottom, *top, legs.supply_Pa[:, None]]
     if machine.is_hexapod:
-        platform = platform_signals(plant, r.qpos, r.qvel, r.qacc)
+        platform = readout.platform_signals(plant, r.qpos, r.qvel, r.qacc)
         found += [platform.pose, platform.acceleration, platform.angular_acceleration]
     else:
         found += [r.qacc]

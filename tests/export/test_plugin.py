@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 import hexsim as hx
 from hexsim.cli import app
-from hexsim.export import export_plugin
-from hexsim.export.plugin import NAME, machine_xml
+from hexsim.export import export_plugin, plugin
 from hexsim.plant import Plant
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
@@ -108,7 +107,7 @@ def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
     told = (
         run.log.select([f"true_position{leg}_m" for leg in legs]).to_numpy() - run.machine.mechanics.neutral_positions
     )
-    xml = machine_xml(Plant(run.machine, timestep=STEP_s))
+    xml = plugin.machine_xml(Plant(run.machine, timestep=STEP_s))
     places, at_home = driven(folder, xml, volts, tmp_path, "shut" if name.startswith("servo") else "home")
     assert np.ptp(told) > 0.05 and np.abs(places - told).max() < 1e-9
     assert at_home < 1e-3
@@ -117,7 +116,7 @@ def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
 def test_a_servo_valves_home_has_the_volts_that_hold_it(folder, tmp_path):
     """servo_bench, whose valve leaks at null: with the keyframe's volts no rate at home, and the piston stays within 1e-9 m for
     half a second; with none, as `Plant` begins, it creeps by 0.1 mm."""
-    xml = machine_xml(Plant(hx.load_machine("servo_bench"), timestep=STEP_s))
+    xml = plugin.machine_xml(Plant(hx.load_machine("servo_bench"), timestep=STEP_s))
     key = ET.fromstring(xml).find("keyframe/key")
     assert key is not None
     volts = np.full((500, 1), float(key.get("ctrl", "0")))
@@ -181,7 +180,7 @@ def test_the_windows_library_needs_windows_alone(written):
     assert all(name == "kernel32.dll" or name.startswith(("api-ms-win-crt", "msvcrt", "ucrtbase")) for name in names), (
         names
     )
-    assert NAME.encode() in (written / "libhexsim_leg.so").read_bytes()
+    assert plugin.NAME.encode() in (written / "libhexsim_leg.so").read_bytes()
 
 
 @pytest.mark.slow

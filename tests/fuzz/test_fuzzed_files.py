@@ -6,7 +6,7 @@ from harness import MORE, command, fuzz, sandbox
 from hypothesis import strategies as st
 from mutations import as_toml, at_bounds, mutated, torn
 
-from hexsim.cli.schema import machine_schema
+from hexsim.cli import schema as schemas
 from hexsim.machine import models_folder
 from hexsim.scenarios.scenario import FOLDER
 
@@ -50,7 +50,7 @@ def test_machine_files(tmp_path, examples):
 
 def possible() -> dict[tuple[str, str], tuple[float, float]]:
     """(table, key) -> the range of the JSON schema."""
-    schema = machine_schema()
+    schema = schemas.machine_schema()
     found = {}
     for table, place in schema["properties"].items():
         name = str(place.get("$ref") or place.get("anyOf", [{}])[0].get("$ref")).rsplit("/")[-1]

@@ -12,7 +12,7 @@ from hexsim.plant import Plant
 from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
-from hexsim.studies.sweep import cases
+from hexsim.studies import sweep
 from hexsim.studies.uncertainty import drawn
 
 CABIN = {"name": "cabin", "mass_kg": 150.0, "position_m": [0.2, -0.1, 0.6], "inertia_kg_m2": [20.0, 25.0, 15.0]}
@@ -91,7 +91,7 @@ def test_a_displaced_joint_is_unknown_to_the_motion_computer(hexapod):
 def test_a_sweep_draws_machines(hexapod):
     """Two draws, two compensators: four cases, each draw with both compensators."""
     machine = changed(hexapod, {"uncertainty": WIDTHS})
-    made = cases(load_scenario("heave"), machine, compensators=("none", "exact"), draws=2)
+    made = sweep.cases(load_scenario("heave"), machine, compensators=("none", "exact"), draws=2)
     assert [case.compensator for case in made] == ["none", "exact", "none", "exact"]
     assert made[0].settings_on(machine) == made[1].settings_on(machine) == drawn(machine, 0)
     assert made[2].settings_on(machine) == drawn(machine, 1)

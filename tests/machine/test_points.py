@@ -6,9 +6,9 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.machine.files import changed
 from hexsim.mechanics import points as point_motion
+from hexsim.recording import summary_table
 from hexsim.recording.points import points
 from hexsim.recording.signals import Signals
-from hexsim.recording.summary_table import facts
 from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
 from hexsim.signals import table
@@ -128,7 +128,10 @@ def test_figures_and_words_of_a_point(run):
     for axes in figures.values():
         for axis, threshold in (("x", 0.063), ("y", 0.057), ("z", 0.154)):
             assert axes[axis]["peak_over_threshold"] == pytest.approx(axes[axis]["peak_band_m_s2"] / threshold)
-    assert [text.split(":")[0] for name, text in facts(run.summary) if name == "point"] == ["driver_head", "below"]
+    assert [text.split(":")[0] for name, text in summary_table.facts(run.summary) if name == "point"] == [
+        "driver_head",
+        "below",
+    ]
     figure = points(Signals.of_run(run))
     assert figure is not None
     assert {line.get_label() for line in figure.axes[0].lines} >= {"driver_head", "below"}

@@ -10,7 +10,7 @@ from hexsim.machine import load_machine
 from hexsim.motion_computer import host_prediction, host_process
 from hexsim.motion_computer.host_buffer import HostBuffer
 from hexsim.motion_computer.host_packet import HostCommand
-from hexsim.simulation.hosted import Host, played
+from hexsim.simulation import hosted
 
 BENCH = load_machine("bench")
 TICK = 0.002
@@ -47,8 +47,8 @@ def heave(time):
 def test_setpoints_ahead_of_the_packets_follow_the_host(rate_Hz: float, buffer_s: float) -> None:
     """Irregular motion, packets late by a fifth of a period and 2 % lost, 28 ms ahead: within 0.8 mm of the host's own
     motion `buffer_s` ago, and its acceleration within 0.03 m/s2 rms."""
-    host = Host(rate_Hz=rate_Hz, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=7)
-    made = played(BENCH, heave, host, 6000, 15)[1500:6000, 0]
+    host = hosted.Host(rate_Hz=rate_Hz, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=7)
+    made = hosted.played(BENCH, heave, host, 6000, 15)[1500:6000, 0]
     time = np.arange(1500, 6000) * TICK - buffer_s
     asked = 0.1 + heave(time)[:, 2]
     assert np.abs(made - asked).max() < 8e-4
@@ -66,20 +66,20 @@ def bump_deviation(host):
         return np.column_stack([np.zeros((len(time), 2)), place(time), np.zeros((len(time), 3))])
 
     time = np.arange(1900) * TICK
-    made = played(BENCH, bump, host, 1900, 15)[:1900, 0]
+    made = hosted.played(BENCH, bump, host, 1900, 15)[:1900, 0]
     off = np.diff(made - bump(time)[:, 2], 2) / TICK**2
     return np.convolve(off, np.full(5, 0.2), "same")[800:]
 
 
 def test_a_sudden_bump_is_hardly_overshot() -> None:
     """60 packets a second: the acceleration is off by 0.4 m/s2 at most (0.53 with longer polynomials alone, sharply weighed)."""
-    assert np.abs(bump_deviation(Host(rate_Hz=60.0, buffer_s=0.0))).max() < 0.4
+    assert np.abs(bump_deviation(hosted.Host(rate_Hz=60.0, buffer_s=0.0))).max() < 0.4
 
 
 def test_packets_with_derivatives_tell_a_bump_from_its_first_one_on() -> None:
     """The same with velocity and acceleration in each packet: at most two thirds as far off, rms and largest."""
     without, told = (
-        bump_deviation(Host(rate_Hz=60.0, buffer_s=0.0, derivatives=with_them)) for with_them in (False, True)
+        bump_deviation(hosted.Host(rate_Hz=60.0, buffer_s=0.0, derivatives=with_them)) for with_them in (False, True)
     )
     assert told.std() < 0.67 * without.std()
     assert np.abs(told).max() < 0.67 * np.abs(without).max()
@@ -136,7 +136,7 @@ def test_the_latency_is_the_declared_one() -> None:
     def sine(time):
         return np.column_stack([0.02 * np.sin(np.pi * time) * (k == 2) for k in range(6)])
 
-    made = played(machine, sine, Host(rate_Hz=200.0), 3000, 1)[1000:3000, 0] - 0.1
+    made = hosted.played(machine, sine, hosted.Host(rate_Hz=200.0), 3000, 1)[1000:3000, 0] - 0.1
     time = np.arange(1000, 3000) * TICK
     phase = np.angle(np.sum(made * np.exp(-1j * np.pi * time))) - np.angle(
         np.sum(np.sin(np.pi * time) * np.exp(-1j * np.pi * time))
@@ -147,12 +147,12 @@ def test_the_latency_is_the_declared_one() -> None:
 def test_a_host_that_cannot_be_is_refused() -> None:
     """A rate, jitter, loss or latency out of bounds: a sentence with the bounds."""
     with pytest.raises(HexsimError, match=r"host: rate_Hz is 5\.0; give a number from 10 to 2000"):
-        Host(rate_Hz=5.0)
+        hosted.Host(rate_Hz=5.0)
     with pytest.raises(HexsimError, match=r"host: loss is 1; give a number from 0 to 0\.9"):
-        Host(loss=1)
+        hosted.Host(loss=1)
 
 
-def jolt(frequency_Hz: float, host: Host, preview: int = 1) -> float:
+def jolt(frequency_Hz: float, host: hosted.Host, preview: int = 1) -> float:
     """A sine of 1 m/s2 as it is played: the acceleration's largest deviation from its fundamental in 50 Hz [m/s2]."""
     place = 1.0 / (2 * np.pi * frequency_Hz) ** 2
 
@@ -160,7 +160,7 @@ def jolt(frequency_Hz: float, host: Host, preview: int = 1) -> float:
         value = place * np.minimum(time / 2.0, 1.0) * np.sin(2 * np.pi * frequency_Hz * time)
         return np.column_stack([value * (k == 2) for k in range(6)])
 
-    made = played(BENCH, sine, host, 4600, preview)[:4600, 0]
+    made = hosted.played(BENCH, sine, host, 4600, preview)[:4600, 0]
     acceleration = np.gradient(np.gradient(made, TICK), TICK)
     low = sosfiltfilt(butter(2, 50.0, fs=1.0 / TICK, output="sos"), acceleration)[2000:4500]
     angle = 2 * np.pi * frequency_Hz * TICK * np.arange(len(low))
@@ -174,7 +174,7 @@ def test_sixty_packets_a_second_put_no_jolt_into_a_sine(frequency_Hz: float, mos
     behind, 0.102, 0.185 m/s2 at 3 and 4 Hz with polynomials alone)."""
     for buffer_s, bound in ((0.0, most), (0.033, 0.5 * most)):
         for seed in (0, 2):
-            host = Host(rate_Hz=60.0, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=seed)
+            host = hosted.Host(rate_Hz=60.0, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=seed)
             assert jolt(frequency_Hz, host) < bound
 
 

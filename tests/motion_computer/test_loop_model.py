@@ -9,7 +9,7 @@ from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer import leg_load, loop_model, margins
-from hexsim.studies.tune_loop import FREQUENCIES_Hz, Search, SHAKEN_m_s2, measure, tuned
+from hexsim.studies import tune_loop
 
 WITHOUT_DRY_FRICTION = {
     f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")
@@ -88,8 +88,10 @@ def test_the_simulator_answers_small_signals_as_the_model_does(servo_bench, keys
     That much the valve's gain differs between its directions under load; the model is the mean of both.
     """
     machine = changed(servo_bench, keys)
-    model = np.mean([loop.closed_response(np.array(FREQUENCIES_Hz)) for loop in loop_model.loops(machine)], axis=0)
-    ratio = measure(machine)[0].response / model
+    model = np.mean(
+        [loop.closed_response(np.array(tune_loop.FREQUENCIES_Hz)) for loop in loop_model.loops(machine)], axis=0
+    )
+    ratio = tune_loop.measure(machine)[0].response / model
     assert np.abs(np.abs(ratio) - 1).max() < 0.08 and np.abs(np.degrees(np.angle(ratio))).max() < 5.0
 
 
@@ -221,8 +223,8 @@ def test_shipped_tuned_machines_do_not_shake_with_their_transducers(name):
     """Noise of position and pressure in the mode that it shakes most: three standard deviations below the threshold of
     perception, 0.057 m/s2, within 10 %, which the search weighs against its other aims."""
     machine = load_machine(name)
-    search = Search(machine, lambda fraction: None)
-    assert max(search.shaken_m_s2(loop) for loop in loop_model.loops(machine)) < 1.1 * SHAKEN_m_s2
+    search = tune_loop.Search(machine, lambda fraction: None)
+    assert max(search.shaken_m_s2(loop) for loop in loop_model.loops(machine)) < 1.1 * tune_loop.SHAKEN_m_s2
 
 
 @pytest.mark.parametrize("name", ("micro_motion_system/tuned", "servo_hexapod/tuned"))
@@ -237,7 +239,7 @@ def test_shipped_tuned_machines_follow_in_every_mode(name):
 @pytest.mark.parametrize("name", ("micro_motion_system/tuned", "servo_hexapod/tuned"))
 def test_shipped_tuned_machines_follow_in_every_axis(name):
     """Simulator, multisine in each axis: -3 dB above 8 Hz (or beyond the highest tone), peak at most 2 dB."""
-    for one in measure(load_machine(name)):
+    for one in tune_loop.measure(load_machine(name)):
         assert one.bandwidth_Hz is None or one.bandwidth_Hz > 8.0
         assert one.peak_dB <= 2.0 and abs(one.response[0]) > 0.9
 
@@ -245,7 +247,7 @@ def test_shipped_tuned_machines_follow_in_every_axis(name):
 @pytest.mark.slow
 def test_tuning_meets_its_own_limits():
     """A bench tuned from its declared gain: stable, its margins kept, -3 dB above 8 Hz."""
-    figures = margins.worst_figures(tuned(load_machine("servo_bench")))
+    figures = margins.worst_figures(tune_loop.tuned(load_machine("servo_bench")))
     assert figures.is_stable and figures.phase_margin_deg > 45 and figures.gain_margin_dB > 7
     assert figures.bandwidth_Hz > 8.0 and figures.peak_dB < 1.5
 

@@ -9,8 +9,7 @@ from hexsim.hydraulics import supply as supplies
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.readout import POWER_UNIT_COLUMNS
+from hexsim.plant import Plant, readout
 from hexsim.plant.states import A
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
@@ -187,7 +186,7 @@ def test_without_a_table_nothing_changes():
     plant = Plant(load_machine("bench"))
     assert plant.model.nu == 1 and not plant.has_supply_states
     result = run(load_machine("bench"), heave(0.2))
-    assert not set(POWER_UNIT_COLUMNS) & set(result.log.columns)
+    assert not set(readout.POWER_UNIT_COLUMNS) & set(result.log.columns)
     assert np.array_equal(column(result, "true_pressure_supply_Pa"), np.full(200, 7e6))
 
 

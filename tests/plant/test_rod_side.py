@@ -7,8 +7,7 @@ from hexsim.hydraulics import ports, rod_side
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals
+from hexsim.plant import Plant, readout
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
@@ -84,7 +83,7 @@ def test_what_leaks_past_the_piston_comes_from_the_rod_side(volts, worn):
     for _ in range(120):
         plant.tick(np.array([volts]))
     r, time = plant.record, np.arange(120) * 1e-3
-    legs = leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
+    legs = readout.leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
     P1, P2, y, v = (rows[:, 0] for rows in (legs.pressure_bottom, legs.pressure_top, legs.position, legs.velocity))
     assert abs(P2[-1] - 7e6) > 2e5
     row, across = plant.rows[0], leak + (5e-12 * np.exp(-(((y - 0.1) / 0.05) ** 2)) if worn else 0.0)

@@ -9,8 +9,7 @@ from hexsim.hydraulics import leg, manifold
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals
+from hexsim.plant import Plant, readout
 
 TICKS, TICK_S = 4000, 1.0e-3
 
@@ -26,7 +25,7 @@ def lowered():
     for _ in range(TICKS):
         plant.tick(np.zeros(1))
     record, time = plant.record, np.arange(TICKS) * TICK_S
-    return plant, leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts)
+    return plant, readout.leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts)
 
 
 def test_lowering_speed_by_hand(lowered):

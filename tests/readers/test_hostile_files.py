@@ -17,8 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hexsim.errors import HexsimError
-from hexsim.readers import files, read_log
-from hexsim.readers.reader import Reader
+from hexsim.readers import files, read_log, reader
 
 T = np.arange(600) / 500.0
 COLUMNS = {
@@ -227,7 +226,7 @@ def test_a_panic_of_rust_is_a_sentence(tmp_path, monkeypatch):
 
 
 def say_anything(folder: Path, monkeypatch, raised: BaseException) -> None:
-    class Broken(Reader):
+    class Broken(reader.Reader):
         name, suffixes = "broken", (".broken",)
 
         def read(self, path, layout):

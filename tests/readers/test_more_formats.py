@@ -22,8 +22,9 @@ from nptdms import ChannelObject, TdmsWriter
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
+from hexsim import readers
 from hexsim.errors import HexsimError
-from hexsim.readers import Mapping, log_files, read_log
+from hexsim.readers import read_log
 from hexsim.readers.files import raw_log
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
@@ -87,7 +88,7 @@ def test_what_was_written_is_read(columns, tmp_path, suffix):
     """A bench log through each format: all signals, times within 1 us (the single precision of UFF: 1e-5 of the position),
     1000 Hz, nothing missing; and the name is found in its folder."""
     write(tmp_path / f"run.{suffix}", columns)
-    log = read_log(log_files(tmp_path, "run"))
+    log = read_log(readers.log_files(tmp_path, "run"))
     want = pl.DataFrame(columns)
     for stem in ("setpoint_m", "position_m", "valve_V", "pressure_bottom_Pa", "acceleration_m_s2"):
         found = np.ravel(log.signal(stem.rpartition("_")[0] if stem != "acceleration_m_s2" else "acceleration"))
@@ -123,7 +124,9 @@ def test_channels_with_clocks_of_their_own(columns, tmp_path):
         file["b/pressure_bottom"].attrs["units"] = "bar"
         for name, values in fast.items():
             file[f"a/{name}"] = values
-    bar = Mapping.model_validate({"columns": {"pressure_bottom_Pa": {"from": "b.pressure_bottom", "unit": "bar"}}})
+    bar = readers.Mapping.model_validate(
+        {"columns": {"pressure_bottom_Pa": {"from": "b.pressure_bottom", "unit": "bar"}}}
+    )
     for path, mapping in ((tmp_path / "wave.tdms", None), (tmp_path / "groups.h5", bar)):
         log = read_log(path, mapping)
         found, at = np.ravel(log.signal("pressure_bottom")), np.round(1e3 * log.time).astype(int)
@@ -172,7 +175,7 @@ def test_bags_of_every_kind(columns, tmp_path, kind):
                 serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
                 data = serialize(message(stamp, float(value), store), PRESSURE)
                 bag.write(connection, stamp + int(random.integers(0, 4_000_000)), data)
-    mapping = Mapping.model_validate(
+    mapping = readers.Mapping.model_validate(
         {"kind": "bench", "columns": {c: {"from": f"{t[1:]}.fluid_pressure"} for t, c in names.items()}}
     )
     log = read_log(path, mapping)
@@ -354,7 +357,7 @@ def test_results_of_modelica_tools_by_name(tmp_path):
     }
     scipy.io.savemat(tmp_path / "run.mat", tables, format="4")
     signals = {"position_m": {"from": "cylinder.s"}, "pressure_bottom_Pa": {"from": "volume.p"}}
-    log = read_log(tmp_path / "run.mat", Mapping.model_validate({"kind": "bench", "columns": signals}))
+    log = read_log(tmp_path / "run.mat", readers.Mapping.model_validate({"kind": "bench", "columns": signals}))
     np.testing.assert_allclose(log.columns["position_m"], position[: log.n], atol=1e-9)
     np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], pressure[: log.n], rtol=1e-9)
     found = {signal.name: signal.values for signal in raw_log(tmp_path / "run.mat").signals}
@@ -385,7 +388,7 @@ def test_twincat_scope_has_a_time_for_each_channel(tmp_path):
         "position_m": {"from": "MAIN.Pos", "unit": "mm"},
         "pressure_bottom_Pa": {"from": "MAIN.p", "unit": "bar"},
     }
-    log = read_log(tmp_path / "run.txt", Mapping.model_validate({"kind": "bench", "columns": columns}))
+    log = read_log(tmp_path / "run.txt", readers.Mapping.model_validate({"kind": "bench", "columns": columns}))
     np.testing.assert_allclose(log.columns["position_m"], 1e-3 * position[: log.n], atol=1e-8)
     np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], 1e5 * pressure[: log.n], atol=2.0)
     assert log.weight("pressure_bottom_Pa").mean() == pytest.approx(0.5, abs=0.01)

@@ -9,10 +9,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+from hexsim import readers
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.own.folder import load_simulated
-from hexsim.readers import read_log, read_stretches
+from hexsim.readers import read_log
 from hexsim.tracing.checks.checks import check_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -148,7 +149,7 @@ def test_a_wrong_mapping_is_refused_with_a_sentence(table, tmp_path, mapping, se
 def test_gap_splits_and_the_longest_stretch_is_used(table, tmp_path):
     """0.3 s missing after 0.5 s: the loss names it; read_stretches gives both parts, the longer first."""
     path = written(pl.concat([table[:600], table[900:]]), tmp_path)
-    parts = read_stretches(path)
+    parts = readers.read_stretches(path)
     assert [len(part.time) for part in parts] == [1100, 600]
     assert any("1 gaps in time_s, 300 samples in all, the first after row 601" in loss for loss in parts[0].losses)
     np.testing.assert_array_equal(parts[0].columns["position_m"], table["position_m"].to_numpy()[900:])

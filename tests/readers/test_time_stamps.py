@@ -9,7 +9,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.readers import read_log, read_stretches
+from hexsim import readers
+from hexsim.readers import read_log
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tracing"))
@@ -65,7 +66,7 @@ def test_samples_that_really_wander_keep_their_stamps(clean, tmp_path):
 def test_parts_of_a_run_know_when_they_begin(clean, tmp_path):
     """What drifts with time goes on behind a gap; the controller's ticks are where volts change."""
     pl.concat([clean[:2001], clean[2500:]]).write_csv(tmp_path / "fit.csv")
-    later, first = read_stretches(tmp_path / "fit.csv")
+    later, first = readers.read_stretches(tmp_path / "fit.csv")
     assert (first.offset_s, first.tick_phase(2)) == (0.0, 0)
     assert later.offset_s == pytest.approx(2.5) and later.tick_phase(2) == 0
     assert later.part(slice(3, None)).tick_phase(2) == 1

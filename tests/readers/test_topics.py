@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from hexsim import readers
 from hexsim.errors import HexsimError
-from hexsim.readers import Mapping, read_log
+from hexsim.readers import read_log
 from hexsim.readers.files import raw_log
 
 pytest.importorskip("mcap", reason="pip install hexsim[ros]")
@@ -69,7 +70,7 @@ def test_fields_of_messages_are_signals_with_the_stamps_of_their_topic(bag):
 
 def test_a_slower_topic_is_interpolated_and_weighs_less(bag):
     """The grid is that of the joints at 100 Hz; the IMU at 50 Hz is a curve through its samples, of half the weight."""
-    mapping = Mapping.model_validate(
+    mapping = readers.Mapping.model_validate(
         {"kind": "own", "columns": {"joint": {"from": "position.a"}, "turn_rad_s": {"from": "angular_velocity.z"}}}
     )
     log = read_log(bag, mapping)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.files.log_files import write_log
+from hexsim.files import log_files
 from hexsim.readers.files import raw_log
 from hexsim.recording import mcap as written
 from hexsim.recording.run_files import write_essentials
@@ -108,7 +108,9 @@ def test_a_run_folder_becomes_the_same_file(run, path, tmp_path):
 
     other = tmp_path / "bench.csv.gz"
     time = np.arange(3) * 1e-3
-    write_log(pl.DataFrame({"time_s": time, "position_m": [0.1, np.nan, 0.3], "oil_level_m": [1.0, 2.0, 3.0]}), other)
+    log_files.write_log(
+        pl.DataFrame({"time_s": time, "position_m": [0.1, np.nan, 0.3], "oil_level_m": [1.0, 2.0, 3.0]}), other
+    )
     assert export(other, "-o", tmp_path / "b.mcap").exit_code == 0
     found, config = topics(tmp_path / "b.mcap")
     assert [row for _, row in found["/measured"]] == [

@@ -8,8 +8,9 @@ import numpy as np
 import polars as pl
 import pytest
 
+from hexsim import readers
 from hexsim.machine import load_machine
-from hexsim.readers import load_mapping, read_log
+from hexsim.readers import read_log
 from hexsim.signals import table as signal_table
 from hexsim.tracing.checks.checks import check_log
 
@@ -73,4 +74,4 @@ def test_every_toml_block_is_valid(tmp_path):
         tables = tomllib.loads(block)
         if "file" in tables or "columns" in tables:
             (tmp_path / f"{i}.toml").write_text(block)
-            load_mapping(tmp_path / f"{i}.toml")
+            readers.load_mapping(tmp_path / f"{i}.toml")

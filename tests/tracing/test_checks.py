@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.files.log_files import write_log
+from hexsim.files import log_files
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
@@ -85,7 +85,7 @@ def test_what_samples_on_the_updates_miss_is_made_good(bench):
 def test_a_log_of_means_misses_nothing(tmp_path):
     """The simulator's own log, whose acceleration is the change of velocity, agrees to 0.5 % as it is."""
     run = simulate(load_machine("bench"), load_scenario("multisine", duration_s=8.0))
-    write_log(run.log, tmp_path / "log.parquet")
+    log_files.write_log(run.log, tmp_path / "log.parquet")
     found = acceleration_agreement(read_log(tmp_path), MACHINE)["acceleration_m_s2"]
     assert found.gain == pytest.approx(1.0, abs=5e-3)
 
@@ -94,7 +94,7 @@ def test_a_controller_that_is_more_than_a_gain_passes_in_silence(tmp_path):
     """Volts of a loop with feed-forward are not K (setpoint - position), and are no finding where that is declared."""
     machine = changed(load_machine("bench"), {"controller.velocity_feed_forward_V_s_per_m": 8.0})
     run = simulate(machine, load_scenario("multisine", duration_s=6.0))
-    write_log(run.log, tmp_path / "log.parquet")
+    log_files.write_log(run.log, tmp_path / "log.parquet")
     log = read_log(tmp_path)
     assert [f for f in check_log(log, machine) if f.channel == "valve_V"] == []
     assert [f.channel for f in check_log(log, load_machine("bench")) if f.channel == "valve_V"] == ["valve_V"]

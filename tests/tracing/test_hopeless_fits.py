@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexsim import readers
 from hexsim.machine import load_machine
-from hexsim.readers import log_files, read_log
+from hexsim.readers import read_log
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import refine, start_fit, with_effects
@@ -48,7 +49,7 @@ def test_a_share_of_the_run_counts_as_before():
 @pytest.fixture(scope="module")
 def opening() -> SimulatedProblem:
     """Four seconds of a bench that leaks."""
-    log = read_log(log_files(DATA, "fit")).head(4.0)
+    log = read_log(readers.log_files(DATA, "fit")).head(4.0)
     return SimulatedProblem(logs=(log,), noise=noise_of(load_machine(DATA), [log]))
 
 

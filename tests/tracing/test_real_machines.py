@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
+from hexsim.own import run
 from hexsim.own.folder import load_simulated
-from hexsim.own.run import run_folder_of
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.term_regression import OwnBalance, Point, Term, late_by, trace_own
@@ -174,7 +174,7 @@ def test_servo_valve():
 ])  # fmt: skip
 def test_servo_valve_by_its_folder(tmp_path, test, name, value, within):
     """Numbers of the valve's tests from declared folders, by means over its current's noise: each is as stated with the data."""
-    own = run_folder_of(load_simulated(valve_folder(tmp_path, test)), None)
+    own = run.run_folder_of(load_simulated(valve_folder(tmp_path, test)), None)
     assert own["numbers"][name]["value"] == pytest.approx(value, abs=within)
 
 

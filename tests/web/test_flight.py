@@ -16,9 +16,9 @@ from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
-from hexsim.simulation.vehicle_link import FADE_S, SILENT_S, Vehicle
-from hexsim.web import Flight, FlightPage
-from hexsim.web.browser import move_slider, opened
+from hexsim import web
+from hexsim.simulation import vehicle_link
+from hexsim.web import browser
 
 RATE_Hz = 500.0
 SETTLED = int(5 * RATE_Hz)  # ticks, ten times the lag by which numbers go over
@@ -80,7 +80,7 @@ def data(normal=1.0, axial=0.0) -> bytes:
 class Ahead:
     """Ticks a flight without waiting, with packets every eighth tick (62.5 Hz)."""
 
-    def __init__(self, flight: Flight) -> None:
+    def __init__(self, flight: web.Flight) -> None:
         self.flight = flight
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
@@ -95,8 +95,10 @@ class Ahead:
 @pytest.fixture(scope="module")
 def ahead():
     """A hexapod that X-Plane flies, ticked by hand, in normal."""
-    flight = Flight(
-        load_machine("micro_motion_system"), Vehicle(decode=protocols.PROTOCOLS["xplane"], name="xplane"), port=0
+    flight = web.Flight(
+        load_machine("micro_motion_system"),
+        vehicle_link.Vehicle(decode=protocols.PROTOCOLS["xplane"], name="xplane"),
+        port=0,
     )
     driven = Ahead(flight)
     with contextlib.closing(driven.socket), contextlib.closing(flight.link):
@@ -141,7 +143,7 @@ def test_after_a_pause_it_goes_on(ahead):
     ahead.fly(3.0, None)
     waiting = ahead.flight.shown()
     assert "waits for them" in waiting.packets and waiting.state == "normal"
-    assert size(waiting.asked, "heave", 3.0 - SILENT_S - FADE_S - 0.1) == 0.0
+    assert size(waiting.asked, "heave", 3.0 - vehicle_link.SILENT_S - vehicle_link.FADE_S - 0.1) == 0.0
     ahead.fly(3.0, bumpy)
     again = ahead.flight.shown()
     assert size(again.asked, "heave", 1.0) > 0.2 and "waits" not in again.packets
@@ -159,17 +161,19 @@ def test_what_is_not_understood_is_said_in_words(ahead):
 def test_a_machine_without_platform_is_refused():
     """A bench has one leg: one sentence."""
     with pytest.raises(HexsimError, match="machine bench has no platform"):
-        Flight(load_machine("bench"), Vehicle(decode=protocols.PROTOCOLS["xplane"]), port=0)
+        web.Flight(load_machine("bench"), vehicle_link.Vehicle(decode=protocols.PROTOCOLS["xplane"]), port=0)
 
 
 @pytest.mark.slow
 def test_the_page_shows_the_flight_and_its_sliders_act():
     """In a browser: packets and state in words, digits of what is flown; a slider at its end takes the axis out. Nothing is
     asked of another computer."""
-    flight = Flight(
-        load_machine("micro_motion_system"), Vehicle(decode=protocols.PROTOCOLS["xplane"], name="xplane"), port=0
+    flight = web.Flight(
+        load_machine("micro_motion_system"),
+        vehicle_link.Vehicle(decode=protocols.PROTOCOLS["xplane"], name="xplane"),
+        port=0,
     )
-    page = FlightPage(flight, "micro_motion_system", "hexsim serve --from xplane", port=8795)
+    page = web.FlightPage(flight, "micro_motion_system", "hexsim serve --from xplane", port=8795)
     running, done = threading.Thread(target=page.run), threading.Event()
 
     def send() -> None:
@@ -180,11 +184,11 @@ def test_the_page_shows_the_flight_and_its_sliders_act():
     sending = threading.Thread(target=send)
     running.start(), sending.start()
     try:
-        with opened(page.address) as shown:
+        with browser.opened(page.address) as shown:
             shown.wait_for_function("() => Number(document.querySelector('#hexsim-flown')?.innerText) > 1.0")
             assert "all understood" in shown.locator("#hexsim-packets").inner_text()
             shown.wait_for_function("() => document.querySelector('#hexsim-state').innerText.includes('normal')")
-            move_slider(shown, "Gain heave", -20)  # from 1 to 0
+            browser.move_slider(shown, "Gain heave", -20)  # from 1 to 0
             shown.wait_for_function("() => Number(document.querySelector('#hexsim-felt').innerText) < 0.05")
             assert {address.split("/")[2].split(":")[0] for address in shown.asked_for if "://" in address} == {
                 "127.0.0.1"
