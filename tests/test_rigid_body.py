@@ -9,8 +9,8 @@ from hexsim.machine.files import changed
 from hexsim.mechanics import kinematics as hexapod_geometry
 from hexsim.mechanics import rigid_body as rigid
 from hexsim.plant import Plant
-from hexsim.tracing.simulation.rig import rig_of
-from hexsim.tracing.simulation.start import load_at
+from hexsim.tracing.simulation import rig as rigs
+from hexsim.tracing.simulation import start
 
 G = 9.81
 POINTS = np.array([[0.3, 0.1, 0.2], [-0.4, 0.5, 0.6], [0.2, -0.6, 0.1], [0.1, 0.2, -0.5]])  # [m]
@@ -181,9 +181,9 @@ def test_legs_that_have_mass_carry_the_weight_of_a_payload_once():
     """At rest six thrusts carry m_carried g and the payload's m g: legs that share their weight with the base do not scale it."""
     payload = {"flexible_payload": {"mass_kg": 120.0, "frequency_Hz": 6.0, "damping_ratio": 0.05}}
     machine = changed(load_machine("micro_motion_system"), {"effects": payload})
-    rig, resolved = rig_of(machine)
+    rig, resolved = rigs.rig_of(machine)
     kinematics = geometry.machine_kinematics(machine)
-    thrust = load_at(rig, resolved, kinematics.piston_positions(np.zeros(6)), np.zeros(6))[0]
+    thrust = start.load_at(rig, resolved, kinematics.piston_positions(np.zeros(6)), np.zeros(6))[0]
     carried = geometry.moving_body(resolved).carried
     assert resolved.load.leg_mass_kg > 0
     assert kinematics.jacobian(np.zeros(6))[:, 2] @ thrust == pytest.approx(
@@ -204,7 +204,7 @@ def test_legs_at_neutral_resist_as_those_of_the_full_model():
         data.xfrc_applied[model.body("platform").id] = 1000.0 * np.eye(6)[k]
         mujoco.mj_forward(model, data)
         answers[:, k] = data.qacc[:6] / 1000.0
-    rig, resolved = rig_of(machine)
+    rig, resolved = rigs.rig_of(machine)
     size = np.sqrt(np.diag(answers))
     assert np.max(np.abs(rig.load.compliance - answers) / np.outer(size, size)) < 1e-3
     body = np.linalg.inv(rigid.mass_matrix(geometry.moving_body(resolved)))

@@ -10,7 +10,7 @@ from hexsim.hydraulics.effects import library
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
-from hexsim.tracing.fitting.parameters import candidates
+from hexsim.tracing.fitting import parameters
 
 FILE = """
 from hexsim.hydraulics.effects import Effect, EffectParameter
@@ -66,7 +66,7 @@ def test_a_file_and_an_entry_point_make_an_effect(fresh):
     scenario = scenario_from_dict(MOTION | {"machine_name": bench.name})
     reach = [np.ptp(simulate(machine, scenario).log["position_m"].to_numpy()) for machine in (bench, damped)]
     assert reach[1] < 0.98 * reach[0]
-    (candidate,) = (c for c in candidates(bench) if c.effect.name == "own_damper")
+    (candidate,) = (c for c in parameters.candidates(bench) if c.effect.name == "own_damper")
     assert candidate.effect.parameters[0].unit == "N s/m"
 
 

@@ -10,7 +10,7 @@ from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer import host_limiter, host_packet
-from hexsim.tracing.design.motions import KINDS, MotionFamily
+from hexsim.tracing.design import motions
 
 MACHINES = {name: load_machine(name) for name in ("bench", "micro_motion_system")}
 FIGURES = {"m": (0.3, 3.0, 300.0), "rad": tuple(np.radians([20.0, 150.0, 15_000.0]))}  # docs/identify.md
@@ -94,7 +94,7 @@ def test_a_step_is_rounded_and_keeps_its_size(name):
 def test_every_designed_motion_is_within_the_limits(name, largest):
     """Of every kind, first points and random ones, scaled by the largest share: no packet needs to be limited."""
     machine = MACHINES[name]
-    family, made = MotionFamily(machine, 20.0, largest=largest), set()
+    family, made = motions.MotionFamily(machine, 20.0, largest=largest), set()
     low, high = np.transpose(family.bounds)
     points = [*family.first_points(16), *np.random.default_rng(5).uniform(low, high, (40, len(low)))]
     for point in points:
@@ -105,7 +105,7 @@ def test_every_designed_motion_is_within_the_limits(name, largest):
         rows = host_limiter.setpoints_of(machine, tables)
         assert_within(machine, rows, largest)
         assert np.array_equal(host_limiter.HostLimiter(machine, largest).limit(rows), rows)
-    assert made == set(KINDS)
+    assert made == set(motions.KINDS)
 
 
 def test_the_limits_are_those_of_the_machine_file():
@@ -135,11 +135,11 @@ def test_what_is_no_motion_is_refused(rows, says):
 
 
 @pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.parametrize("kind", range(len(KINDS)))
+@pytest.mark.parametrize("kind", range(len(motions.KINDS)))
 def test_a_motion_that_is_broken_off_ends_within_the_limits(name, kind):
     """At any packet of a designed motion at its full size: what was sent and the way back keep every figure, end at neutral."""
     machine = MACHINES[name]
-    family, limiter = MotionFamily(machine, 10.0), host_limiter.HostLimiter(machine)
+    family, limiter = motions.MotionFamily(machine, 10.0), host_limiter.HostLimiter(machine)
     rows = host_limiter.setpoints_of(machine, family.scenario(np.array([kind, 2, 1.0, 0.35, 0.6, 0.3, 2])))
     for k in range(1, len(rows), 83):
         sent = np.concatenate([np.zeros((host_limiter.MEMORY + 1, 6)), rows[:k]])

@@ -8,7 +8,7 @@ from hexsim.qualification.plots import CAPTIONS as QUALIFY
 from hexsim.recording import page as pages
 from hexsim.recording import report
 from hexsim.studies.valve_report import CAPTIONS as VALVE
-from hexsim.tracing.report.page import CAPTIONS as TRACE
+from hexsim.tracing.report import page as trace_page
 
 
 def test_the_contents_lead_to_every_part():
@@ -23,7 +23,7 @@ def test_the_contents_lead_to_every_part():
 
 def test_every_figure_has_a_question():
     """Captions of all pages begin with the question that the figure answers."""
-    for captions in (report.CAPTIONS, QUALIFY, VALVE, TRACE):
+    for captions in (report.CAPTIONS, QUALIFY, VALVE, trace_page.CAPTIONS):
         for caption in captions.values():
             asked, rest = pages.question(caption)
             assert asked.endswith("?") and rest, caption

@@ -14,7 +14,7 @@ from hexsim.machine import load_machine
 from hexsim.readers import read_log
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import balances, rules
-from hexsim.tracing.balances.continuity import FastContinuity
+from hexsim.tracing.balances import continuity
 from hexsim.tracing.fitting.parameters import named, with_settings
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.residuals import unexplained_residuals
@@ -122,6 +122,6 @@ def test_a_balance_at_some_samples_is_the_one_of_all(tmp_path, kind):
     at = slice(300, log.n - 60, 20)
     used = [balance for balance in balances.library() if balance.wants(log, machine)]
     assert {"supply", "continuity", "sensor", "force"} <= {balance.name for balance in used}
-    for balance in [*used, *([FastContinuity()] if kind == "bench" else [])]:
+    for balance in [*used, *([continuity.FastContinuity()] if kind == "bench" else [])]:
         whole, some = balance.residual(log, machine), balance.residual_at(log, machine, at)
         assert some == pytest.approx(whole[:, at], rel=0.0, abs=1e-9 * np.max(np.abs(whole)))

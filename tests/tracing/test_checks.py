@@ -17,7 +17,7 @@ from hexsim.scenarios import load_scenario
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.simulation import simulate
-from hexsim.tracing.balances.bends import kinks, tick_samples
+from hexsim.tracing.balances import bends
 from hexsim.tracing.checks.checks import check_log, refuse_misleading
 from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.checks.sensor_agreement import acceleration_agreement
@@ -70,7 +70,7 @@ def test_what_samples_on_the_updates_miss_is_made_good(bench):
         assert found.gain == pytest.approx(1.0, abs=3e-3)
         assert abs(found.delay_s) < 5e-4
     a = bench.columns["acceleration_m_s2"]
-    missing = kinks(a, tick_samples(bench, 0, MACHINE.controller.rate_Hz))
+    missing = bends.kinks(a, bends.tick_samples(bench, 0, MACHINE.controller.rate_Hz))
     slow = Window(bench.rate, 0.045)
     share = np.polyfit(slow.mean(a), slow.mean(missing), 1)[0]
     w0_squared = (

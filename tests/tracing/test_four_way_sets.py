@@ -16,7 +16,7 @@ from hexsim.tracing.balances.null import used
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.fitting.parameters import named, priors, with_settings
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.logs import read_runs
+from hexsim.tracing.steps import logs as trace_logs
 from hexsim.tracing.steps.violations import lost_balances
 from hexsim.tracing.trace import trace
 
@@ -58,7 +58,7 @@ def test_what_cannot_be_said_is_said(tmp_path, columns, lost):
     """A four-way log without pressures: the balances that it does not allow and the channels that they lack, in a sentence."""
     write_machine(tmp_path, 1, duration_s=9.0)
     machine = load_machine(tmp_path)
-    [log], _ = read_runs(tmp_path, ["fit"], machine)
+    [log], _ = trace_logs.read_runs(tmp_path, ["fit"], machine)
     log = replace(log, **{column.removesuffix("_Pa"): None for column in columns})
     found = lost_balances([log], machine)
     said = " ".join(finding.description for finding in found)
@@ -94,7 +94,7 @@ def test_a_start_in_motion_leaves_no_drift(tmp_path):
     or pressure is off by more than 5 of its standard errors. (Steps that fell short left 23, drifting for 2 s.)"""
     true = write_machine(tmp_path, 100, "cross_leak", duration_s=6.0)
     machine = load_machine(tmp_path)
-    logs, _ = read_runs(tmp_path, ["sweep"], machine)
+    logs, _ = trace_logs.read_runs(tmp_path, ["sweep"], machine)
     known = {prior: true[UNCERTAIN[prior.key][0]] / prior.declared - 1.0 for prior in priors(machine)}
     leak = (named("leakage_across_piston"), {"conductance_m3_s_Pa": true["cross_leak"]})
     problem = SimulatedProblem(logs=tuple(logs), noise=channels.declared_noise(machine))

@@ -14,7 +14,7 @@ from hexsim.readers import read_log
 from hexsim.recording.run_files import write_essentials
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
-from hexsim.tracing.friction.figure import friction_figure, friction_table
+from hexsim.tracing.friction import figure as friction_figures
 from hexsim.tracing.friction.identification import identify_friction
 from hexsim.tracing.friction.stribeck import KEYS
 
@@ -117,8 +117,8 @@ def test_what_is_printed_written_and_drawn(constant, tmp_path):
     content = json.loads(json.dumps(result.to_json()))
     assert content["parameters"].keys() == set(KEYS)
     assert len(content["map"]["velocity_m_s"]) == len(result.map_velocity_m_s) > 20
-    assert friction_table(result).row_count == len(KEYS) + 2
-    figure = friction_figure(result)
+    assert friction_figures.friction_table(result).row_count == len(KEYS) + 2
+    figure = friction_figures.friction_figure(result)
     figure.savefig(tmp_path / "friction.png")
     assert (tmp_path / "friction.png").stat().st_size > 20_000
     fitted = result.fitted_machine()

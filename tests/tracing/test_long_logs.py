@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import Fit, parameter_columns
+from hexsim.tracing.fitting import fit as least_squares
+from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import priors
-from hexsim.tracing.problems.problem import FitProblem
+from hexsim.tracing.problems import problem as problems
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.declared_refit import refit_declared
 from hexsim.tracing.steps.logs import begin
@@ -20,7 +21,7 @@ DATA = Path(__file__).parents[1] / "data" / "bench_leakage"
 CHANNELS, N = 4, 50_000
 
 
-class Slow(FitProblem):
+class Slow(problems.FitProblem):
     """A residual that takes as long as a short simulation."""
 
     logs = (SimpleNamespace(n=N),)
@@ -48,7 +49,7 @@ def test_columns_of_declared_parameters_are_held_once():
     assert size > 8 * CHANNELS * N * 8  # else a few residuals would hide a copy
     tracemalloc.start()
     try:
-        columns = parameter_columns(fit, problem).columns
+        columns = least_squares.parameter_columns(fit, problem).columns
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

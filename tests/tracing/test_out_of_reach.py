@@ -11,10 +11,9 @@ from hexsim.machine.files import changed
 from hexsim.signals.channels import noise_of
 from hexsim.tracing.balances import library
 from hexsim.tracing.design.motions import setpoint_log
-from hexsim.tracing.fitting.fit import answered, effect_columns, parameter_columns, refine, start_fit
-from hexsim.tracing.fitting.parameters import Prior, named, priors
-from hexsim.tracing.fitting.screening import columns_of, screen
-from hexsim.tracing.fitting.selection import residual_at_noise_level, try_candidate
+from hexsim.tracing.fitting import fit, parameters, screening, selection
+from hexsim.tracing.fitting.fit import start_fit
+from hexsim.tracing.fitting.parameters import named, priors
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs as logs_step
@@ -60,31 +59,33 @@ def test_joints_out_of_reach_are_an_infinite_misfit(hexapod, kind):
     problem = simulated if kind == "simulated" else balances
     base = start_fit(machine, own[:2], problem)
     candidate = named("base_joint_offset", "leg 3")
-    far = answered(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
+    far = fit.answered(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
     assert np.isfinite(base.chi2) and far.chi2 == np.inf
-    assert far.misfit[0].shape == base.misfit[0].shape and not residual_at_noise_level(far.misfit)
+    assert far.misfit[0].shape == base.misfit[0].shape and not selection.residual_at_noise_level(far.misfit)
     beside = replace(
         base, candidates=(candidate,), values=(OUT_OF_REACH,)
     )  # a good fit whose neighbours are out of reach
-    assert not np.any(effect_columns(beside, problem)[0])
+    assert not np.any(fit.effect_columns(beside, problem)[0])
     size = replace(candidate.effect.parameters[0], typical=40.0, bounds=(-100.0, 100.0))
     wild = replace(candidate, effect=replace(candidate.effect, parameters=(size, *candidate.effect.parameters[1:])))
-    assert not np.isfinite(columns_of(base, [wild], problem)[0][0]).any()
-    assert screen(parameter_columns(base, problem), [wild], problem) == []
-    assert try_candidate(base, wild, 1.0, problem, 1) is None
+    assert not np.isfinite(screening.columns_of(base, [wild], problem)[0][0]).any()
+    assert screening.screen(fit.parameter_columns(base, problem), [wild], problem) == []
+    assert selection.try_candidate(base, wild, 1.0, problem, 1) is None
 
 
 def test_a_number_that_no_machine_may_have_is_an_infinite_misfit(hexapod):
     """A declared parameter whose uncertainty reaches below zero: its column is zero, the refit ends and the machine stands."""
     machine, _, simulated, _ = hexapod
     mass = machine.load.carried_mass_kg
-    wide = Prior(key=machine.load.mass_key, dotted=f"load.{machine.load.mass_key}", declared=mass, half_width=150.0)
+    wide = parameters.Prior(
+        key=machine.load.mass_key, dotted=f"load.{machine.load.mass_key}", declared=mass, half_width=150.0
+    )
     base = start_fit(machine, (wide,), simulated)
     gone = replace(base, deviations=np.array([-2.0]))
-    assert gone.built() is None and answered(gone, simulated).chi2 == np.inf
+    assert gone.built() is None and fit.answered(gone, simulated).chi2 == np.inf
     with pytest.raises((HexsimError, ValueError)):
         gone.fitted_machine()
-    fitted = refine(replace(base, deviations=np.array([0.0])), simulated, steps=1)
+    fitted = fit.refine(replace(base, deviations=np.array([0.0])), simulated, steps=1)
     assert np.isfinite(fitted.chi2) and fitted.chi2 <= base.chi2
 
 

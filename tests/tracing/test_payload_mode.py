@@ -8,10 +8,10 @@ from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import geometry, load_machine
 from hexsim.machine.files import changed
 from hexsim.signals.log import Log
+from hexsim.tracing import signature
 from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.fitting.parameters import candidates
-from hexsim.tracing.signature import answered
-from hexsim.tracing.steps.shapes import proposed_shapes
+from hexsim.tracing.fitting import parameters
+from hexsim.tracing.steps import shapes
 
 RATE_Hz = 1000.0
 SURGE = {"mass_kg": 60.0, "frequency_Hz": 4.5, "tilt_rad": np.pi / 2, "azimuth_rad": 0.0, "height_m": 0.2}
@@ -27,7 +27,7 @@ def log_with(machine, **payload):
         poses[:, k] = reach * fade * sum(np.sin(2 * np.pi * f * (1 + 0.07 * k) * t + k * f) for f in (0.4, 1.3, 3.1))
     setpoint = geometry.machine_kinematics(machine).piston_positions(poses).T
     asked = Log(name="swing", kind="hexapod", time=t, rate=RATE_Hz, setpoint=setpoint, position=setpoint)
-    return answered(changed(machine, {"effects": {"flexible_payload": payload}}), asked)
+    return signature.answered(changed(machine, {"effects": {"flexible_payload": payload}}), asked)
 
 
 @pytest.mark.parametrize("payload", [SURGE, SWAY, ASKEW])
@@ -41,7 +41,7 @@ def test_the_platform_balance_holds_with_the_mode_and_shows_its_axis_without(pay
     bare, without, left = (Platform().residual(own, one)[:, 1500:-500].std(axis=1) for own, one in pairs)
     assert np.all(left < 1.1 * bare)
     assert np.max(without[:3] / bare[:3]) > 1.5
-    shape = proposed_shapes(machine, [log])["flexible_payload"]
+    shape = shapes.proposed_shapes(machine, [log])["flexible_payload"]
     assert shape["frequency_Hz"] == pytest.approx(payload["frequency_Hz"], rel=0.15)
 
     def axis(tilt_rad, azimuth_rad, **_):
@@ -54,7 +54,7 @@ def test_the_platform_balance_holds_with_the_mode_and_shows_its_axis_without(pay
 
 def test_the_axis_of_a_bench_is_its_own():
     """A bench has no tilt to look for, and a file that gives one is refused."""
-    found = [c for c in candidates(load_machine("bench")) if c.effect.name == "flexible_payload"]
+    found = [c for c in parameters.candidates(load_machine("bench")) if c.effect.name == "flexible_payload"]
     assert [[number.name for number in one.free()] for one in found] == [["mass_kg", "frequency_Hz", "damping_ratio"]]
     with pytest.raises(HexsimError, match="a bench moves along its axis only"):
         resolve(changed(load_machine("bench"), {"effects": {"flexible_payload": {"mass_kg": 4.0, "tilt_rad": 1.0}}}))

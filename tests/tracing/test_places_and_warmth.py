@@ -8,13 +8,12 @@ from other_plant import write_machine
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.tracing.balances.continuity import Continuity, TopContinuity
+from hexsim.tracing.balances import continuity
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.sensor import Sensor
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps import shapes, violations
-from hexsim.tracing.steps.dominant import sure_effects
+from hexsim.tracing.steps import dominant, shapes, violations
 from hexsim.tracing.steps.logs import begin
 from hexsim.tracing.trace import trace
 
@@ -30,11 +29,11 @@ RIPPLE = {"amplitude_m": 2e-5, "pitch_m": 2e-3, "phase_rad": 0.4}
 @pytest.mark.parametrize(
     ("machine", "name", "values", "balance"),
     [
-        ("bench", "worn_bore", WEAR, Continuity),
-        ("servo_bench", "worn_bore", WEAR, Continuity),
-        ("servo_bench", "worn_bore", WEAR, TopContinuity),
-        ("bench", "laminar_edge", {"reynolds": 15.0}, Continuity),
-        ("servo_bench", "laminar_edge", {"reynolds": 15.0}, TopContinuity),
+        ("bench", "worn_bore", WEAR, continuity.Continuity),
+        ("servo_bench", "worn_bore", WEAR, continuity.Continuity),
+        ("servo_bench", "worn_bore", WEAR, continuity.TopContinuity),
+        ("bench", "laminar_edge", {"reynolds": 15.0}, continuity.Continuity),
+        ("servo_bench", "laminar_edge", {"reynolds": 15.0}, continuity.TopContinuity),
         ("bench", "friction_warm_up", WARMTH, Force),
         ("bench", "position_ripple", RIPPLE, Sensor),
         ("bench", "viscous_friction_drift", {"fading_1_s": 0.1}, Force),
@@ -79,7 +78,7 @@ def oil_that_warms(tmp_path_factory):
 def test_viscous_friction_that_fades_is_not_named_a_fading_of_all_friction(oil_that_warms):
     """It was named a warm-up of all friction by 249 % in 30 s, the end of its range. By half in 20 s is log(2)/20 a second on the
     mean, from half to twice of which a straight line goes: within a tenth."""
-    [named] = (found := sure_effects(oil_that_warms, lambda doing: None)).named
+    [named] = (found := dominant.sure_effects(oil_that_warms, lambda doing: None)).named
     assert named.candidate.effect.name == "viscous_friction_drift"
     assert found.best.fit.values[-1]["fading_1_s"] == pytest.approx(np.log(2.0) / 20.0, rel=0.1)
 
@@ -89,7 +88,7 @@ def test_nothing_is_named_where_the_cause_is_in_no_library_and_its_stand_in_ends
     """Without viscous friction that fades, the warm-up of all friction takes 90 % of the rest, twice the warm friction at the
     start, which no seal has: no name."""
     fewer = tuple(c for c in oil_that_warms.candidates if c.effect.name != "viscous_friction_drift")
-    found = sure_effects(replace(oil_that_warms, candidates=fewer), lambda doing: None)
+    found = dominant.sure_effects(replace(oil_that_warms, candidates=fewer), lambda doing: None)
     assert not found.named
     [stand_in] = [own for own in found.tried[0] if own.candidate.effect.name == "friction_warm_up"]
     assert stand_in.share > 0.8 and not stand_in.in_range

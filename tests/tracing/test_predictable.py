@@ -9,10 +9,9 @@ import pytest
 from hexsim.signals import channels
 from hexsim.tracing import rules
 from hexsim.tracing.predictable import predicted
-from hexsim.tracing.report.content import remarks
-from hexsim.tracing.steps import declared_refit
+from hexsim.tracing.report import content
+from hexsim.tracing.steps import declared_refit, noise_only
 from hexsim.tracing.steps.logs import begin
-from hexsim.tracing.steps.noise_only import hold_against_signals, without_own
 from hexsim.tracing.trace import trace as trace_whole
 
 DATA = Path(__file__).parents[1] / "data"
@@ -74,7 +73,7 @@ def test_a_small_delay_of_a_channel_itself_is_not_told(delay_s, low, high):
         rest[0] += delay_s * 1000.0 * RATE * speed["first"]
         rest[1] += 0.1 * own["first"]
     named = [{"a": 1000.0 * own["first"], "b": own["second"], **own} for own in signals]
-    left = without_own(("a", "b"), late, named, RATE, np.ones(2))
+    left = noise_only.without_own(("a", "b"), late, named, RATE, np.ones(2))
 
     def part(of, k):
         return np.std(np.concatenate([one[k] - two[k] for one, two in zip(of, rests, strict=True)]))
@@ -88,19 +87,23 @@ def test_nothing_missing_is_not_said_of_a_transducer_that_reads_another_pressure
     """A measured bench stays quiet; 0.3 % of the chamber's pressure in the supply's reading, a quarter of its noise, is told."""
     trace = begin(DATA / "bench_none", ["fit", "sweep"], ["validate"])
     trace = replace(declared_refit.STEP.run(trace, lambda doing: None), verdict="nothing missing")
-    quiet = hold_against_signals(trace, lambda doing: None)
-    assert quiet.verdict == "nothing missing" and "follows no signal" in quiet.decided and not remarks(quiet)
+    quiet = noise_only.hold_against_signals(trace, lambda doing: None)
+    assert quiet.verdict == "nothing missing" and "follows no signal" in quiet.decided and not content.remarks(quiet)
     logs = tuple(replace(log, supply=log.supply + 0.003 * (log.pressure[0] - 3.5e6)) for log in trace.fit_problem.logs)
-    told = hold_against_signals(replace(trace, fit_problem=replace(trace.fit_problem, logs=logs)), lambda doing: None)
+    told = noise_only.hold_against_signals(
+        replace(trace, fit_problem=replace(trace.fit_problem, logs=logs)), lambda doing: None
+    )
     assert told.verdict == "unexplained" and told.predicted[0].channel == "pressure_supply_Pa"
-    assert told.predicted[0].signal in channels.channel_arrays(logs[0]) and told.predicted[0].sentence in remarks(told)
+    assert told.predicted[0].signal in channels.channel_arrays(logs[0]) and told.predicted[
+        0
+    ].sentence in content.remarks(told)
     small = replace(trace, verdict="explained", fit_problem=replace(trace.fit_problem, logs=logs))
-    unsure = hold_against_signals(
+    unsure = noise_only.hold_against_signals(
         small, lambda doing: None
     )  # what the noise could hide, and something follows a signal
     assert unsure.verdict == "unexplained" and unsure.final is trace.base and "is not sure" in unsure.decided
     far = replace(trace.base, misfit=[2.0 * rest for rest in trace.base.misfit])
-    assert hold_against_signals(replace(small, base=far), lambda doing: None).verdict == "explained"
+    assert noise_only.hold_against_signals(replace(small, base=far), lambda doing: None).verdict == "explained"
 
 
 @pytest.mark.slow

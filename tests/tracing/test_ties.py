@@ -13,15 +13,15 @@ from hexsim.signals import channels
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
-from hexsim.tracing.fitting.fit import parameter_columns, start_fit, with_effects
-from hexsim.tracing.fitting.parameters import candidates, named, priors, to_coordinate
-from hexsim.tracing.fitting.screening import Screened, screen
-from hexsim.tracing.fitting.selection import inert, shortlist
+from hexsim.tracing.fitting import fit as least_squares
+from hexsim.tracing.fitting import parameters, screening, selection
+from hexsim.tracing.fitting.fit import start_fit
+from hexsim.tracing.fitting.parameters import named, priors
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation.start import ringing_Pa, start_of
+from hexsim.tracing.simulation import start as starts
+from hexsim.tracing.steps import ties
 from hexsim.tracing.steps.one_term import read_as
-from hexsim.tracing.steps.ties import alike_in_balances, same_terms, stand_ins
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -39,9 +39,14 @@ def test_more_oil_can_stand_for_a_softer_hose(bench):
     problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
     soft = changed(machine, {"effects.hose_compliance.compliance_m3_Pa": 3e-14})
     problem = SimulatedProblem(logs=(problem.simulated(soft, 0),), noise=problem.noise)
-    fit = with_effects(start_fit(machine, priors(machine), problem), [named("hose_compliance")], 0.6, problem)
+    fit = least_squares.with_effects(
+        start_fit(machine, priors(machine), problem), [named("hose_compliance")], 0.6, problem
+    )
     fit = dataclasses.replace(fit, values=({"compliance_m3_Pa": 3e-14},))
-    found = {candidate.effect.name: size for candidate, size in stand_ins(fit, 0, candidates(machine), problem)}
+    found = {
+        candidate.effect.name: size
+        for candidate, size in ties.stand_ins(fit, 0, parameters.candidates(machine), problem)
+    }
     assert "mass_change" not in found
     volume = found["dead_volume"] * named("dead_volume").effect.parameters[0].typical
     assert volume == pytest.approx(
@@ -74,9 +79,9 @@ def test_oil_that_rings_as_a_log_begins_has_any_phase(bench):
     ringing = dataclasses.replace(
         log, pressure=log.pressure + 2e4 * np.sin(2 * np.pi * 120.0 * (log.time - log.time[0]))
     )
-    found = ringing_Pa(ringing, noise["pressure_bottom_Pa"])
+    found = starts.ringing_Pa(ringing, noise["pressure_bottom_Pa"])
     assert found == pytest.approx([2e4 / np.sqrt(2.0)], rel=0.15)  # in 100 samples, with noise
-    assert ringing_Pa(log, noise["pressure_bottom_Pa"]) == 0.0
+    assert starts.ringing_Pa(log, noise["pressure_bottom_Pa"]) == 0.0
     quiet, wide = (
         SimulatedProblem(logs=(own,), noise=noise).with_input_uncertainty(machine).input_uncertainty[0]
         for own in (log, ringing)
@@ -103,7 +108,7 @@ def test_a_log_of_a_wrong_gain_starts_where_the_piston_is(bench):
     """A sensor that shows 3 % and 1 mm too much began at (y_m - 1 mm)/1.03, moving y_m'/1.03."""
     _, log = bench
     ramp = dataclasses.replace(log, position=(0.08 + 0.01 * (log.time - log.time[0]))[None])
-    start, speed = start_of(ramp, gain=np.array([1.03]), offset=np.array([1e-3]))
+    start, speed = starts.start_of(ramp, gain=np.array([1.03]), offset=np.array([1e-3]))
     assert start == pytest.approx(0.079 / 1.03, abs=1e-9)
     assert speed == pytest.approx(0.01 / 1.03, rel=1e-6)
 
@@ -112,7 +117,7 @@ def test_a_log_of_a_wrong_gain_starts_where_the_piston_is(bench):
 def test_any_component_can_be_the_size(effect):
     """A vector effect is screened along each axis, and at size 0 all its numbers are neutral: nothing but the size is added."""
     machine = load_machine("micro_motion_system")
-    own = [candidate for candidate in candidates(machine) if candidate.effect.name == effect]
+    own = [candidate for candidate in parameters.candidates(machine) if candidate.effect.name == effect]
     assert len({candidate.effect.parameters[0].name for candidate in own}) == 3
     assert all(value == 0.0 for candidate in own for value in candidate.start().values())
 
@@ -121,14 +126,14 @@ def test_a_hose_and_a_dead_volume_are_one_term(bench):
     """C_hose = V/E in every balance, in any motion: each is tied with the other, whatever a refit says, with the size that does
     the same; with air in the oil, E depends on the pressure and they are two. A leak is not the same term."""
     machine, log = bench
-    sigma, possible = np.ones(1), candidates(machine)
+    sigma, possible = np.ones(1), parameters.candidates(machine)
     part = BalanceRows(balance=balance_named("continuity", machine), sigma=sigma, rows=(0,))
     for air, expected in ((0.0, {"dead_volume"}), (0.01, set())):
         aired = changed(machine, {"effects.entrained_air.volume_fraction": air})
         problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
         balances = BalanceProblem(logs=(log,), parts=(part,))
-        fit = with_effects(start_fit(aired, (), problem), [named("hose_compliance")], 0.6, problem)
-        found = same_terms(fit, 0, possible, balances, problem)
+        fit = least_squares.with_effects(start_fit(aired, (), problem), [named("hose_compliance")], 0.6, problem)
+        found = ties.same_terms(fit, 0, possible, balances, problem)
         assert set(found) == expected
         for rival in found.values():
             hose = fit.values[0]["compliance_m3_Pa"]
@@ -143,9 +148,9 @@ def test_a_hose_reads_as_a_dead_volume_with_the_error_of_the_oil(bench):
     part = BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
     balances = BalanceProblem(logs=(log,), parts=(part,))
     known = tuple(own for own in priors(machine) if "bulk_modulus" in own.key)
-    fit = with_effects(start_fit(machine, known, balances), [named("hose_compliance")], 0.6, balances)
+    fit = least_squares.with_effects(start_fit(machine, known, balances), [named("hose_compliance")], 0.6, balances)
     hose, oil = fit.values[0]["compliance_m3_Pa"], machine.oil.bulk_modulus_Pa
-    in_C, in_E = 0.01 * to_coordinate(fit.candidates[0].free()[0], hose), 0.02 / known[0].half_width
+    in_C, in_E = 0.01 * parameters.to_coordinate(fit.candidates[0].free()[0], hose), 0.02 / known[0].half_width
     for together, expected in ((0.0, np.sqrt(5.0)), (-1.0, 1.0)):
         covariance = np.array([[in_E**2, together * in_E * in_C], [together * in_E * in_C, in_C**2]])
         read = read_as(dataclasses.replace(fit, covariance=covariance), 0, named("dead_volume"), balances)
@@ -159,10 +164,10 @@ def test_an_incline_stands_for_a_force_of_its_sign_only(bench, force_N, expected
     machine, log = bench
     part = BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
     problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
-    fit = with_effects(start_fit(machine, (), problem), [named("constant_force")], 0.1, problem)
+    fit = least_squares.with_effects(start_fit(machine, (), problem), [named("constant_force")], 0.1, problem)
     fit = dataclasses.replace(fit, values=({"force_N": force_N},))
     balances = BalanceProblem(logs=(log,), parts=(part,))
-    found = same_terms(fit, 0, [named("incline"), named("mass_change")], balances, problem)
+    found = ties.same_terms(fit, 0, [named("incline"), named("mass_change")], balances, problem)
     assert set(found) == expected
 
 
@@ -174,8 +179,10 @@ def test_a_pump_limit_that_no_motion_takes_is_the_line_alone(bench, flow_max_m3_
     starved = changed(machine, {"effects.pump_flow_limit.flow_max_m3_s": flow_max_m3_s})
     problem = SimulatedProblem(logs=(log.head(2.0),), noise=noise_of(machine, [log]))
     problem = SimulatedProblem(logs=(problem.simulated(starved, 0),), noise=problem.noise)
-    fit = with_effects(start_fit(machine, (), problem), [named("pump_flow_limit")], 1e-4 / flow_max_m3_s, problem)
-    assert inert(fit, problem) == nothing
+    fit = least_squares.with_effects(
+        start_fit(machine, (), problem), [named("pump_flow_limit")], 1e-4 / flow_max_m3_s, problem
+    )
+    assert selection.inert(fit, problem) == nothing
 
 
 def test_a_column_at_one_shape_promises_the_least(bench):
@@ -183,7 +190,7 @@ def test_a_column_at_one_shape_promises_the_least(bench):
     once anything reaches the alarm. What has one number must reach the alarm itself."""
 
     def line(name, gain):
-        return Screened(
+        return screening.Screened(
             candidate=named(name), size=0.1, gain_chi2=gain, share=0.0, sd=0.01,
             explained_by_others=0.0, reach=1e9, column=(),
         )  # fmt: skip
@@ -194,15 +201,17 @@ def test_a_column_at_one_shape_promises_the_least(bench):
         line("dead_volume", 42.4),
         line("pump_flow_limit", 9.0),
     ]
-    listed = [own.candidate.effect.name for own in shortlist(lines, 1.0, 157.6)]
+    listed = [own.candidate.effect.name for own in selection.shortlist(lines, 1.0, 157.6)]
     assert listed == ["constant_force", "flexible_payload"]
     others = [
         line(name, 160.0)
         for name in ("mass_change", "spring", "null_offset", "incline", "hose_compliance", "null_drift")
     ]
-    listed = shortlist([*others, line("overlap_change", 161.0), line("pressure_gain", 159.0), *lines], 1.0, 157.6)
+    listed = selection.shortlist(
+        [*others, line("overlap_change", 161.0), line("pressure_gain", 159.0), *lines], 1.0, 157.6
+    )
     assert len(listed) == 9 and listed[-1].candidate.effect.name == "flexible_payload"
-    assert shortlist(lines, 1.0, 160.0) == []
+    assert selection.shortlist(lines, 1.0, 160.0) == []
 
 
 def test_only_what_the_balances_leave_open_is_tried_as_a_tie(bench):
@@ -211,11 +220,11 @@ def test_only_what_the_balances_leave_open_is_tried_as_a_tie(bench):
     machine, log = bench
     part = BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
     problem = BalanceProblem(logs=(log,), parts=(part,))
-    fit = parameter_columns(start_fit(machine, priors(machine), problem), problem)
+    fit = least_squares.parameter_columns(start_fit(machine, priors(machine), problem), problem)
     possible = [named(name) for name in ("hose_compliance", "dead_volume", "null_offset", "mass_change")]
-    lines = screen(fit, possible, problem)
-    assert alike_in_balances(possible[0], possible, lines) == [possible[0], possible[1], possible[3]]
-    assert alike_in_balances(possible[3], possible, lines) == possible
+    lines = screening.screen(fit, possible, problem)
+    assert ties.alike_in_balances(possible[0], possible, lines) == [possible[0], possible[1], possible[3]]
+    assert ties.alike_in_balances(possible[3], possible, lines) == possible
     reach = {line.candidate.label: line.reach for line in lines}
     assert reach["mass_change"] == 0.0
     assert reach["hose_compliance"] == pytest.approx(fit.chi2)

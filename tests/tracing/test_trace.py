@@ -8,7 +8,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.tracing.fitting.fit import parameter_columns, start_fit
+from hexsim.tracing.fitting import fit as least_squares
+from hexsim.tracing.fitting.fit import start_fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.declared_refit import refit_declared
 from hexsim.tracing.steps.logs import begin
@@ -58,7 +59,9 @@ def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):
         return np.full((1, 10), np.nan if off else machine.valve.discharge_coefficient)
 
     monkeypatch.setattr(SimulatedProblem, "residual", residual)
-    fit = parameter_columns(start_fit(state.machine, state.base.priors, state.fit_problem), state.fit_problem)
+    fit = least_squares.parameter_columns(
+        start_fit(state.machine, state.base.priors, state.fit_problem), state.fit_problem
+    )
     moved = {prior.key for prior, column in zip(fit.priors, fit.columns[0], strict=True) if np.any(column)}
     assert moved == {"discharge_coefficient"}
 

@@ -17,7 +17,7 @@ from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.balances.sensor import Sensor
 from hexsim.tracing.design.motions import setpoint_log
-from hexsim.tracing.fitting.fit import chi2_of
+from hexsim.tracing.fitting import fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.trace import trace
 
@@ -94,5 +94,5 @@ def test_a_lag_is_found_with_its_cut_off(tmp_path, name, cut_off_Hz):
 
 def test_a_misfit_beyond_all_numbers_is_infinite():
     """1e200 squared is no number: inf without a warning, as for a simulation that diverged."""
-    assert chi2_of([np.array([1.0, 1e200])]) == np.inf
-    assert chi2_of([np.array([3.0]), np.array([4.0])]) == 25.0
+    assert fit.chi2_of([np.array([1.0, 1e200])]) == np.inf
+    assert fit.chi2_of([np.array([3.0]), np.array([4.0])]) == 25.0
