@@ -11,12 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 import hexsim
+import hexsim as hx
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app, errors
-from hexsim.errors import HexsimError
 from hexsim.files import run_folder as run_folders
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario, resources
-from hexsim.scenarios.resources import check_resources
+from hexsim.scenarios import resources
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(hexsim.__file__).parents[1]), "COLUMNS": "120"}
 SHORT = ["-m", "bench", "--fast", "--duration", "1"]
@@ -42,7 +42,7 @@ def command(*arguments: str, cwd: Path, before: str = "", environment=None, **op
 LIMIT = """
 import resource
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
+from hexsim import load_scenario
 from hexsim.simulation import simulate
 for compensator in ("none", "exact"):
     simulate(load_machine("bench"), load_scenario("heave", duration_s=0.1), fast=True, compensator=compensator)
@@ -204,12 +204,11 @@ def test_default_folders_bear_safe_names(tmp_path):
 def test_a_run_beyond_the_memory_is_refused_with_what_it_needs(monkeypatch):
     """A day of the hexapod under 8 GB; the same day at 10 s is let through."""
     monkeypatch.setattr(resources, "available_memory", lambda: 8e9)
-    hexapod = load_machine("micro_motion_system")
-    with pytest.raises(HexsimError, match=r"86400 s needs about .* GB of memory, and 8 GB are free: make"):
-        check_resources(hexapod, 86_400.0)
-    check_resources(hexapod, 10.0)
-    with pytest.raises(HexsimError, match=r"shorter than two samples of the log"):
-        check_resources(hexapod, 1e-3)
+    said = {86_400.0: "86400 s needs about .* GB of memory, and 8 GB are free: make", 1e-3: "two samples of the log"}
+    for duration_s, words in said.items():
+        with pytest.raises(HexsimError, match=words):
+            hx.run("heave", "micro_motion_system", set={"scenario.duration_s": duration_s})
+    resources.check_resources(load_machine("micro_motion_system"), 10.0)
 
 
 def test_a_limit_of_the_process_counts(tmp_path):
@@ -238,5 +237,5 @@ def test_estimates_are_above_what_runs_take():
     from hexsim.simulation import simulate
 
     run = simulate(load_machine("bench"), load_scenario("heave", duration_s=2.0), fast=True)
-    assert run.log.width <= check_resources.__kwdefaults__["columns_a_leg"]
-    check_resources(load_machine("bench"), 2.0)
+    assert run.log.width <= resources.check_resources.__kwdefaults__["columns_a_leg"]
+    resources.check_resources(load_machine("bench"), 2.0)

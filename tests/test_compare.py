@@ -5,11 +5,10 @@ import json
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.recording import summary_table
 from hexsim.recording.signals import Signals
-from hexsim.scenarios import load_scenario
 from hexsim.studies import compare as comparing
 
 

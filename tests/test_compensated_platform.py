@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import Run, simulate
 from hexsim.smoothness import band_limit
 

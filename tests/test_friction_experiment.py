@@ -2,11 +2,11 @@
 
 import pytest
 
+from hexsim import load_scenario
 from hexsim.files import log_files
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.sensors import measurement_chain
 from hexsim.simulation import simulate
 from hexsim.tracing.friction.identification import identify_friction

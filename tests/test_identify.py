@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 import compensation
 from compensation import Context
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.identification import bump, identify, plan, record, rounds
 from hexsim.identification import host as hosts
 from hexsim.identification import link as links
@@ -26,7 +26,6 @@ from hexsim.machine import load_machine
 from hexsim.motion_computer import compensator_packet, host_limiter, host_packet, telemetry
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.states import State
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 from hexsim.simulation.asked_compensators import AskedCompensators
 from hexsim.simulation.serve import Server

@@ -14,8 +14,8 @@ import pytest
 from fake_machine import FakeMachine
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.identification import host as hosts
 from hexsim.identification import link as links
 from hexsim.identification.plan import planned

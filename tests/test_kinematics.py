@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.mechanics import kinematics
 from hexsim.mechanics.workspace import excursions
 

@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import live as live_machine
 from hexsim.simulation import live_motion, recent_motion, simulate
 from hexsim.simulation.live_sensors import LiveSensors

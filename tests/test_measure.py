@@ -9,10 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from hexsim import qualification
+from hexsim import Scenario, load_scenario, qualification
 from hexsim.cli import app
 from hexsim.qualification import measured
-from hexsim.scenarios import Scenario, load_scenario
 from hexsim.setpoints.signals import Sine
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate

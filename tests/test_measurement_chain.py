@@ -4,10 +4,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.sensors import measurement_chain
 from hexsim.simulation import simulate
 

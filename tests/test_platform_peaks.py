@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hexsim import smoothness
+from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 AXIS = {"heave": ("z", "m_s2"), "roll": ("roll", "rad_s2")}

@@ -8,14 +8,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim import qualification
+from hexsim import Scenario, qualification
 from hexsim.cueing import washout as washouts
 from hexsim.files import run_folder as run_folders
 from hexsim.machine import load_machine
 from hexsim.qualification import omct as omct_tests
 from hexsim.qualification import pack, part60
 from hexsim.qualification import rows as pack_limits
-from hexsim.scenarios import Scenario
 from hexsim.setpoints.signals import Sine
 
 G = 9.81

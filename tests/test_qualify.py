@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from hexsim import qualification
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, Scenario, qualification
 from hexsim.machine import load_machine
 from hexsim.mechanics import kinematics
 from hexsim.qualification import measures
-from hexsim.scenarios import Scenario
 from hexsim.setpoints import signals
 from hexsim.setpoints.signals import Sine
 

@@ -3,10 +3,9 @@
 import pytest
 import tomli_w
 
-from hexsim import scenarios
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario, scenarios
 from hexsim.machine import load_machine
-from hexsim.scenarios import available_scenarios, load_scenario, scenario_from_dict
+from hexsim.scenarios import available_scenarios, scenario_from_dict
 from hexsim.scenarios.settings import apply_settings, scenario_and_machine
 from hexsim.simulation import simulate
 

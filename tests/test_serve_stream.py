@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 from websockets.typing import Subprotocol
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.signals import table as signal_table
 from hexsim.simulation import live
 from hexsim.simulation import stream as stream_module

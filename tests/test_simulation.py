@@ -8,10 +8,10 @@ import polars as pl
 import pytest
 from scipy.signal import cont2discrete, dlsim
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import available_scenarios, load_scenario, replay_scenario, scenario_from_dict
+from hexsim.scenarios import available_scenarios, replay_scenario, scenario_from_dict
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.simulation import simulate
 from hexsim.smoothness import band_limit

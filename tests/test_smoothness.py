@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfreqz
 
-from hexsim import smoothness
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, smoothness
 from hexsim.setpoints import signals
 from hexsim.setpoints.signals import Sine
 from hexsim.smoothness import band_limit

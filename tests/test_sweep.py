@@ -18,10 +18,9 @@ import pytest
 from typer.testing import CliRunner
 
 import hexsim
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
 from hexsim.studies import inputs
 from hexsim.studies import journal as journals
 from hexsim.studies import sweep as sweeping
@@ -317,8 +316,6 @@ def test_the_same_sweep_runs_on_a_dask_cluster(tmp_path, monkeypatch):
     """A real scheduler and worker on the loopback interface give the same figures to the bit as this process."""
     from distributed import LocalCluster
 
-    from hexsim.cli.sweep import executor_of
-
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     wanted = short(seeds=[0, 1], compensators=["none", "buffered"])
     options = {
@@ -328,9 +325,11 @@ def test_the_same_sweep_runs_on_a_dask_cluster(tmp_path, monkeypatch):
         "dashboard_address": None,
         "host": "127.0.0.1",
     }
-    with LocalCluster(**options) as cluster, executor_of(cluster.scheduler_address, None) as (executor, count, check):
-        assert count == 2
-        assert sweeping.sweep(wanted, executor, tmp_path / "dask.parquet", workers=count, check=check) == 4
+    asked = "sweep heave -m bench --duration 0.5 --seeds 0,1 -c none,buffered --json --scheduler"
+    with LocalCluster(**options) as cluster:
+        out = ["--out", str(tmp_path / "dask.parquet")]
+        done = CliRunner().invoke(app, [*asked.split(), cluster.scheduler_address, *out])
+    assert done.exit_code == 0 and json.loads(done.stdout)["run_now"] == 4, done.output
     sweeping.sweep(wanted, Here(), tmp_path / "here.parquet")
     there, here = (
         pl.read_parquet(tmp_path / f"{name}.parquet").drop("wall_s", "realtime_factor") for name in ("dask", "here")
@@ -338,14 +337,13 @@ def test_the_same_sweep_runs_on_a_dask_cluster(tmp_path, monkeypatch):
     assert there.equals(here) and there["complete"].all()
 
 
-def test_a_scheduler_that_is_not_there_is_said(monkeypatch):
+def test_a_scheduler_that_is_not_there_is_said(monkeypatch, tmp_path):
     """No answer within the time limit is one sentence with the address."""
     pytest.importorskip("distributed")
-    from hexsim.cli import sweep as command_line
-
-    monkeypatch.setattr(command_line, "CONNECT_TIMEOUT_S", 0.5)
-    with pytest.raises(HexsimError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        command_line.executor_of("tcp://127.0.0.1:9", None).__enter__()
+    monkeypatch.setattr("hexsim.cli.sweep.CONNECT_TIMEOUT_S", 0.5)
+    asked = ["sweep", "heave", "-m", "bench", "--out", str(tmp_path / "t.parquet"), "--scheduler", "tcp://127.0.0.1:9"]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 2 and "no Dask scheduler answers at tcp://127.0.0.1:9" in done.stderr
 
 
 # whatever ends

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from hexsim import HexsimError
 from hexsim.cueing import protocols, toml_protocol
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer.states import State
 from hexsim.simulation import serve, vehicle_link

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.simulation import make_compensators
 from hexsim.studies import tune_start

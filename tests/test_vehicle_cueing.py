@@ -8,9 +8,9 @@ import struct
 import numpy as np
 import pytest
 
+from hexsim import HexsimError
 from hexsim.cli.flown import vehicle_of
 from hexsim.cueing import protocols, toml_protocol, washout
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer.states import State
 from hexsim.recording.washout_figure import washout_figure

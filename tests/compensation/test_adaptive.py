@@ -14,9 +14,9 @@ from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, ru
 from compensation import Context
 from compensation.adaptive import Adaptive, damping, estimator, fit, prior
 from compensation.adaptive import leg as model
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import Run, simulate
 from hexsim.smoothness import band_limit
 

@@ -9,12 +9,12 @@ import math
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import load_scenario
 from hexsim.cli import app
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.recording import summary_table
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import Run, simulate
 
 

@@ -16,12 +16,12 @@ from leg_plant import run
 import compensation
 from compensation import Compensator, Context, Sample, check_parameters, compensator, guard, records, volts_bound
 from compensation.started import Started
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer import compensator_packet
 from hexsim.motion_computer.data_sheet import compensator_context
+from hexsim.simulation import make_compensators
 from hexsim.simulation.asked_compensators import AskedCompensators
-from hexsim.simulation.start_parameters import started
 
 CONTEXT = Context(edge_V=0.07, spool_frequency_Hz=60.0)
 ODD = (None, math.nan, math.inf, -math.inf, "1", True, [], {}, 10**400, 1e308, -1e308)
@@ -108,14 +108,14 @@ def test_files_and_packets_go_through_it(learned, tmp_path) -> None:
     machine, algorithm = load_machine("bench"), "adaptive"
     path = tmp_path / "compensator.json"
     path.write_text(json.dumps({"compensator": algorithm, "legs": [learned]}))
-    assert started(path, machine)[0] == algorithm
+    assert make_compensators(str(path), machine)[0] == algorithm
     for place in (("numbers", "zeta"), ("noise", 1)):
         for odd in (None, math.nan, -1e308):
             bad = with_value(learned, place, odd)
             path.write_text(json.dumps({"compensator": algorithm, "legs": [bad]}))
             name = next(key for key in reversed(place) if isinstance(key, str))
             with pytest.raises(HexsimError, match=f"leg 1.*{name}"):
-                started(path, machine)
+                make_compensators(str(path), machine)
             with pytest.raises(HexsimError, match=f"leg 1.*{name}"):
                 AskedCompensators(machine).take(
                     compensator_packet.AskedCompensator(leg=1, n_legs=1, name=algorithm, parameters=bad)

@@ -19,10 +19,9 @@ import compensation
 from compensation import Context, Sample
 from compensation import legs as compensator_legs
 from compensation.native import native as described
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.export import compensator
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the library is built and loaded on Linux")

@@ -9,14 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from compensation import compensator, create
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer import leg_load
 from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario, scenario_from_dict
+from hexsim.scenarios import scenario_from_dict
 from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import payload_fmu, simulate
 

@@ -9,10 +9,10 @@ import pytest
 import hexsim as hx
 from hexsim.motion_computer import loop_model
 from hexsim.plant import Plant
-from hexsim.plant.callbacks import MPa
 from hexsim.plant.states import A
 
 NO_DRY_FRICTION = {f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")}
+MPa = 1e6  # pressures inside MuJoCo
 STEPS = {"pressure": 1e3, "velocity": 1e-5, "spool": 1e-8}
 
 

@@ -10,10 +10,10 @@ from harness import MORE, fuzz, refused, sandbox
 from hypothesis import strategies as st
 from mutations import as_toml, leaves, mutated, torn
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 from hexsim.tracing.checks.checks import check_log
 

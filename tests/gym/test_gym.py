@@ -8,12 +8,10 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium", reason="pip install hexsim[gym]")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from hexsim import gym  # noqa: E402
-from hexsim.errors import HexsimError  # noqa: E402
+from hexsim import HexsimError, Scenario, gym  # noqa: E402
 from hexsim.gym import task as tasks  # noqa: E402
 from hexsim.machine import available_machines, load_machine  # noqa: E402
 from hexsim.machine.files import changed  # noqa: E402
-from hexsim.scenarios import Scenario  # noqa: E402
 from hexsim.setpoints.signals import Sine  # noqa: E402
 
 MOTION = Scenario(

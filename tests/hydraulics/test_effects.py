@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.hydraulics import leg
 from hexsim.hydraulics.effects import library
 from hexsim.hydraulics.parameters import P

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.hydraulics import leg, parameters, ports, rod_side
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine import Machine

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.hydraulics import chamber, oil, parameters
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve, warm_oil

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.hydraulics.effects import library
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.scenarios import scenario_from_dict

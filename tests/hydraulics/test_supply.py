@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.hydraulics import chamber, supply
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg, parameters
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine import load_machine

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.inference import contract
 from hexsim.inference.held_out import held_out
 from hexsim.inference.likelihood import fit

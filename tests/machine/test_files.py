@@ -5,7 +5,7 @@ import tomllib
 import pytest
 import tomli_w
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import available_machines, files, load_machine, machine_from_dict, models_folder, save_machine
 from hexsim.machine.files import changed, machine_tables
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import geometry
 from hexsim.machine.files import changed
 

@@ -4,12 +4,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import geometry
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
 from hexsim.studies import sweep

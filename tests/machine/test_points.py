@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine.files import changed
 from hexsim.mechanics import points as point_motion
 from hexsim.recording import summary_table
 from hexsim.recording.points import points
 from hexsim.recording.signals import Signals
-from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
 from hexsim.signals import table
 from hexsim.signals.log import Log

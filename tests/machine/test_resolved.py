@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.hydraulics import supply as supplies
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.hydraulics.resolve import resolve, warm_oil

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer import monitors

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine.files import changed
 from hexsim.motion_computer import controller, loop_model
 from hexsim.motion_computer.declared_control import control_of

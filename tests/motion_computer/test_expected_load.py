@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import geometry, load_machine
 from hexsim.mechanics import rigid_body
 from hexsim.motion_computer import leg_load
-from hexsim.scenarios import load_scenario
 
 TICK_s = 0.002
 RESOLVED = resolve(load_machine("micro_motion_system"))

@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.qualification import outcome as outcomes
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import Run, simulate
 
 MACHINE = load_machine("micro_motion_system")

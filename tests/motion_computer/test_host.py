@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer import host_packet
 from hexsim.motion_computer import limits as motion_limits

@@ -9,7 +9,7 @@ import numpy as np
 import compensation.guard
 from compensation import Compensator, Context, Sample, guard, legs
 from compensation.adaptive import Adaptive
-from hexsim.scenarios import load_scenario
+from hexsim import load_scenario
 from hexsim.simulation import simulate
 
 LOST = {"kind": "position_sensor", "leg": 1, "time_s": 5.5}

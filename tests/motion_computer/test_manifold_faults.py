@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.qualification import outcome as outcomes
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 MACHINE = load_machine("micro_motion_system")

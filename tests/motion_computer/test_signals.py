@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.setpoints import signals
 from hexsim.setpoints.signals import Sine
 

@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.motion_computer import states
 from hexsim.motion_computer.states import State
 

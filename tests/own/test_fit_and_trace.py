@@ -8,8 +8,8 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.own import effects, problem, simulate
 from hexsim.own import run as own_run
 from hexsim.own import trace as own_trace

@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.own import simulate
 from hexsim.own.declaration import ModelTables
 from hexsim.own.formulas import tree_of

@@ -10,12 +10,12 @@ import pytest
 import void_plant
 from void_plant import VAPOUR
 
+from hexsim import load_scenario
 from hexsim.hydraulics import supply
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant, readout
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 TICK_S = 1e-3

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from hexsim import web
+from hexsim import load_scenario, web
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import live as live_machine
 from hexsim.simulation import run_warnings
 from hexsim.simulation.serve import Server

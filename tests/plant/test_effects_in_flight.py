@@ -6,13 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.hydraulics import effects
 from hexsim.hydraulics.effects import library
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 BEGIN_S = 0.6

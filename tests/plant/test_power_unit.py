@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.hydraulics import supply as supplies
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant, readout
 from hexsim.plant.states import A
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 BAR = 1e5

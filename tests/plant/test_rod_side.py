@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.hydraulics import ports, rod_side
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant, readout
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 CHAMBER = {"cylinder.rod_side": "chamber"}

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 import scipy.io
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
 from hexsim.readers.files import logs_of_folder, raw_log

@@ -12,7 +12,7 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.readers import files, formats, read_log
 from hexsim.readers.formats import text
 from hexsim.setpoints import signals
@@ -176,12 +176,11 @@ def test_a_gzip_bomb_is_bounded(tmp_path, line):
 
 def test_inflated_pieces_are_bounded(tmp_path):
     """No piece is larger than the chunk, however well it is packed, and together they are the whole."""
-    from hexsim.readers.formats.text import CHUNK, inflated
 
     path = bomb(tmp_path / "bomb.csv.gz", b"0,0\n", 30)
     with open(path, "rb") as file:
-        sizes = [len(piece) for piece in inflated(file)]
-    assert max(sizes) <= CHUNK and sum(sizes) == len(b"time_s,position_m\n") + 30_000_000
+        sizes = [len(piece) for piece in text.inflated(file)]
+    assert max(sizes) <= text.CHUNK and sum(sizes) == len(b"time_s,position_m\n") + 30_000_000
 
 
 def test_more_text_than_is_read_is_said(table, tmp_path, monkeypatch):

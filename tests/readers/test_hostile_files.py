@@ -16,7 +16,7 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.readers import files, read_log, reader
 
 T = np.arange(600) / 500.0
@@ -29,7 +29,7 @@ COLUMNS = {
 MEMORY_MB = 1000  # beyond what an empty interpreter with the readers takes
 PROGRAM = """
 import resource, sys
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.readers import read_log
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:

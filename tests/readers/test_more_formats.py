@@ -22,8 +22,7 @@ from nptdms import ChannelObject, TdmsWriter
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from hexsim import readers
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, readers
 from hexsim.readers import read_log
 from hexsim.readers.files import raw_log
 
@@ -226,7 +225,7 @@ def swollen(kind: str, path: Path) -> Path:
 LIMITED = """
 import resource, sys, time
 from pathlib import Path
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.readers.files import raw_log
 begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:

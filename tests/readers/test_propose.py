@@ -8,10 +8,10 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import load_scenario
 from hexsim.cli import app
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"

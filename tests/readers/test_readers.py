@@ -9,8 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim import readers
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, readers
 from hexsim.machine import load_machine
 from hexsim.own.folder import load_simulated
 from hexsim.readers import read_log

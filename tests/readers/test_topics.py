@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim import readers
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, readers
 from hexsim.readers import read_log
 from hexsim.readers.files import raw_log
 

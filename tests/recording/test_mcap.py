@@ -9,13 +9,12 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.files import log_files
 from hexsim.readers.files import raw_log
 from hexsim.recording import mcap as written
 from hexsim.recording.run_files import write_essentials
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 mcap = pytest.importorskip("mcap", reason="pip install hexsim[ros]")

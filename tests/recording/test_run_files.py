@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 from made_up_run import made_up_run
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.files import json_files, log_files
 from hexsim.machine import machine_from_dict
 from hexsim.recording.run_files import write_run

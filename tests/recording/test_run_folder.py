@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.files import run_folder as run_folders
 from hexsim.files import runs_index
 from hexsim.files.atomic import write_text

@@ -8,9 +8,9 @@ import polars as pl
 import pytest
 from made_up_run import made_up_run
 
+from hexsim import load_scenario
 from hexsim.qualification import rows
 from hexsim.recording import report, summary_table
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import recent_motion
 from hexsim.smoothness import threshold
 

@@ -4,12 +4,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.sensors.bank import SensorBank
 from hexsim.signals import sensors as sensor_files
 from hexsim.signals import table

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.signals import units
 
 LITRE_A_MINUTE = 1e-3 / 60

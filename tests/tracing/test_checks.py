@@ -8,12 +8,11 @@ import other_plant
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.files import log_files
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.simulation import simulate

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.signals import channels
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate

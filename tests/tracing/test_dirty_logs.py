@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
 from hexsim.tracing.balances import balance_named
@@ -17,7 +18,6 @@ from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.simulator import simulate_log
 from hexsim.tracing.steps.logs import begin
-from hexsim.tracing.trace import trace
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
@@ -101,7 +101,7 @@ def test_the_controller_ticks_where_the_volts_change(machine, log):
 def test_jitter_and_lost_rows_leave_the_leak_as_it_is(tmp_path):
     """Stamps 0.4 ms off and 7 rows lost in each log: the leak within 0.5 %, and every repair is in the report."""
     folder = folder_with("stamps off by 0.4 ms and 7 missing rows", tmp_path)
-    result = trace(folder, fit=["fit", "sweep"], validate=["validate"])
+    result = hx.trace(folder, fit=["fit", "sweep"], validate=["validate"])
     assert result.verdict == "explained"
     (effect,) = result.report["effects"]
     assert effect["name"] == "leakage_supply_to_chamber"

@@ -8,6 +8,7 @@ import pytest
 from four_edge_plant import UNCERTAIN, write_machine
 from test_real_machines import MEASURED
 
+import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals import channels
@@ -18,7 +19,6 @@ from hexsim.tracing.fitting.parameters import named, priors, with_settings
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs as trace_logs
 from hexsim.tracing.steps.violations import lost_balances
-from hexsim.tracing.trace import trace
 
 servo_logs = pytest.mark.skipif(
     not (MEASURED / "servo_none").is_dir(), reason="no measured servo sets beside the repository"
@@ -29,20 +29,20 @@ servo_logs = pytest.mark.skipif(
 @pytest.mark.slow
 def test_a_servo_actuator_as_declared_lacks_nothing():
     """The measured set without an effect: nothing missing, in all balances of both chambers."""
-    result = trace(MEASURED / "servo_none", ["fit", "sweep"], ["validate"])
+    result = hx.trace(MEASURED / "servo_none", ["fit", "sweep"])
     assert result.verdict == "nothing missing"
-    assert "continuity of the rod side" in {line.name for line in result.violations}
+    assert "continuity of the rod side" in {line["name"] for line in result.report["balances"]}
 
 
 @servo_logs
 @pytest.mark.slow
 def test_leakage_across_the_piston_is_found_with_its_number():
     """The measured set with 6e-13 m3/s/Pa across the piston: that effect alone, within 2 %."""
-    result = trace(MEASURED / "servo_leakage", ["fit", "sweep"], ["validate"])
+    result = hx.trace(MEASURED / "servo_leakage", ["fit", "sweep"])
     truth = json.loads((MEASURED / "servo_leakage" / "truth.json").read_text())["undeclared"]["cross_leak"]
-    [effect] = result.effects
-    assert effect.candidate.effect.name == "leakage_across_piston"
-    assert effect.values["conductance_m3_s_Pa"] == pytest.approx(truth, rel=0.02)
+    [effect] = result.report["effects"]
+    assert effect["name"] == "leakage_across_piston"
+    assert effect["parameters"]["conductance_m3_s_Pa"] == pytest.approx(truth, rel=0.02)
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,11 @@ import numpy as np
 import other_plant
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.recording.run_files import write_essentials
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 from hexsim.tracing.friction import figure as friction_figures
 from hexsim.tracing.friction.identification import identify_friction

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
-from hexsim.errors import HexsimError
+import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals import channels
@@ -13,7 +13,6 @@ from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.balances.sensor import Imu
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.trace import trace
 
 NOISE = {
     "position_m": 3e-6, "pressure_bottom_Pa": 4e3, "pressure_supply_Pa": 4e3, "acceleration_m_s2": 0.02,
@@ -62,7 +61,7 @@ def test_a_balance_holds_again_with_the_effect(hexapod, name):
 def test_how_a_machine_is_built_cannot_begin_in_a_run(hexapod):
     """A joint does not move at a time of a run: refused with a sentence that says where it belongs."""
     fault = EffectFault(time_s=1.0, effect="leg_zero_offset", parameters={"length_m": 1e-3}, where="leg 2")
-    with pytest.raises(HexsimError, match=r"leg_zero_offset is how the machine is built.*\[effects\]"):
+    with pytest.raises(hx.HexsimError, match=r"leg_zero_offset is how the machine is built.*\[effects\]"):
         fault.setting(hexapod, "fault:")
 
 
@@ -79,7 +78,7 @@ def test_how_a_machine_is_built_cannot_begin_in_a_run(hexapod):
 def test_what_is_built_otherwise_is_found_with_its_leg(tmp_path, built, leg, seed, name, number, size):
     """A hexapod of the second plant, traced whole: explained, that effect alone, in that leg, within 10 %."""
     write_machine(tmp_path, seed, {built: None}, "hexapod", leg=leg)
-    result = trace(tmp_path, ["fit"], ["validate_heave", "validate_roll"])
+    result = hx.trace(tmp_path, ["fit"], ["validate_heave", "validate_roll"])
     assert result.verdict == "explained"
     [effect] = result.report["effects"]
     assert (effect["name"], effect["where"]) == (name, "all legs" if leg is None else f"leg {leg}")

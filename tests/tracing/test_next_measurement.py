@@ -12,8 +12,8 @@ import pytest
 from other_plant import driven, measured, write_machine
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer import host_limiter
@@ -27,6 +27,7 @@ from hexsim.tracing.design import information, motions, next_measurement, rest
 from hexsim.tracing.design import words as design_words
 from hexsim.tracing.design.ceiling import ceiling_of
 from hexsim.tracing.design.motions import setpoint_log
+from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import rest_evidence, rest_level
 from hexsim.tracing.fitting.fit import start_fit
@@ -239,7 +240,7 @@ def test_a_tie_of_a_partly_explained_machine_is_asked_about(late):
     """The balances tie the delay with a slow spool: its hypothesis stands in the delay's place, refitted, and is no better by
     the tie's own rule."""
     assert late.verdict == "partly"
-    (first, _), (second, rival), *_ = next_measurement.surviving(late)
+    (first, _), (second, rival), *_ = surviving(late)
     assert (first, second) == (late.effects[0].candidate.label, late.effects[0].tied_with[0])
     assert {first, second} == {"valve_delay", "spool_lag"}
     assert second in [candidate.label for candidate in rival.candidates]
@@ -253,7 +254,7 @@ def test_a_tie_of_a_partly_explained_machine_is_asked_about(late):
 def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
     """Blocks that jump would separate the delay from the spool, the same within the limits and slow strokes do not; the refits
     of the trace itself say the same, and that the first number's error shrinks with the jumps."""
-    asked = next_measurement.what_is_open(late)
+    asked = what_is_open(late)
     family = motions.MotionFamily(late.machine, 10.0)
     pair = asked.labels[:2]
     found = {}
@@ -286,7 +287,7 @@ def test_an_error_that_hangs_on_a_small_reality_is_promised_with_that():
 def test_what_the_logs_show_is_nothing_that_an_error_hangs_on(late):
     """Two coordinates that go together after a motion: a number hangs on a nuisance effect where that is within its error of
     nothing now, and not where the logs show it."""
-    asked = next_measurement.what_is_open(late)
+    asked = what_is_open(late)
     fit, own = asked.first.fit, asked.first.numbers[0].place
     held = [""] * len(fit.priors) + [c.label if rest_level.is_held(c) else "" for c in fit.candidates for _ in c.free()]
     here = np.abs(least_squares.coordinates_of(fit))
@@ -303,7 +304,7 @@ def test_what_the_logs_show_is_nothing_that_an_error_hangs_on(late):
 def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
     """As it would be measured, without its rest, every row of the best hypothesis is 0, and a copy is not apart from it. 1e-9 of
     the noise: the rest is taken at all samples and asked for at some, two orders of one sum."""
-    asked = next_measurement.what_is_open(late)
+    asked = what_is_open(late)
     twice = dataclasses.replace(
         asked, labels=("one", "other"), found=(asked.best, asked.best), known=(asked.known[0], asked.known[0])
     )
@@ -317,7 +318,7 @@ def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
 
 def test_a_motion_into_a_cushion_is_not_asked_for(late):
     """Setpoints inside the stroke promise something; the same, stretched until the piston comes into a cushion, promise nothing."""
-    asked = next_measurement.what_is_open(late)
+    asked = what_is_open(late)
     log = setpoint_log(
         late.machine, motions.MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3]))
     )

@@ -7,7 +7,8 @@ import pytest
 from hexsim.hydraulics import effects
 from hexsim.identification import rounds
 from hexsim.tracing import state
-from hexsim.tracing.design import next_measurement, words
+from hexsim.tracing.design import words
+from hexsim.tracing.design.next_measurement import surviving
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.report import content, page, readings, tables
 
@@ -59,7 +60,7 @@ def test_a_design_does_not_try_to_tell_two_names_apart(hose) -> None:
         verdict="explained", rest=(), predicted=(), effects=[hose], final="hose", search=None,
         ties=[{"dead_volume": "volume", "entrained_air": "air"}],
     )  # fmt: skip
-    assert next_measurement.surviving(trace) == [("hose_compliance", "hose"), ("entrained_air", "air")]
+    assert surviving(trace) == [("hose_compliance", "hose"), ("entrained_air", "air")]
     term = "no motion separates hose_compliance, dead_volume; they are one term, that no log takes apart"
     assert words.beside_one_term("to know it better", [hose]) == f"to know it better; {term}"
     assert words.beside_one_term(f"{words.ALL_KNOWN}: nothing is left", [hose]) == f"{term}: look at the machine"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine, save_machine
 from hexsim.machine.files import changed
 from hexsim.signals.channels import noise_of

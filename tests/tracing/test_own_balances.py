@@ -10,8 +10,8 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing import term_columns

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.signals import channels
 from hexsim.simulation import simulate
 from hexsim.tracing.simulation import rig as rigs

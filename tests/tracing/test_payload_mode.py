@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import geometry, load_machine
 from hexsim.machine.files import changed

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
+import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.tracing.balances import continuity
@@ -15,7 +16,6 @@ from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import dominant, shapes, violations
 from hexsim.tracing.steps.logs import begin
-from hexsim.tracing.trace import trace
 
 MOTION = {
     "name": "sine", "mode": "actuator", "duration_s": 4.0, "fade_s": 1.0,
@@ -109,6 +109,6 @@ def test_nothing_is_named_where_the_cause_is_in_no_library_and_its_stand_in_ends
 def test_it_is_named_with_its_numbers(tmp_path, seed, injected, name, numbers):
     """A bench of the second plant, its parameters off, traced whole: that effect alone, within 5 %."""
     write_machine(tmp_path, seed, injected)
-    [effect] = trace(tmp_path, ["fit", "sweep"], ["validate"]).report["effects"]
+    [effect] = hx.trace(tmp_path, ["fit", "sweep"], ["validate"]).report["effects"]
     assert effect["name"] == name
     assert {key: effect["parameters"][key] for key in numbers} == pytest.approx(numbers, rel=0.05)

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import hexsim as hx
 from hexsim.signals import channels
 from hexsim.tracing import rules
 from hexsim.tracing.predictable import predicted
 from hexsim.tracing.report import content
 from hexsim.tracing.steps import declared_refit, noise_only
 from hexsim.tracing.steps.logs import begin
-from hexsim.tracing.trace import trace as trace_whole
 
 DATA = Path(__file__).parents[1] / "data"
 RATE, N = 1000.0, 20000
@@ -113,9 +113,9 @@ def test_a_small_payload_mode_is_no_constant_force(tmp_path):
     from other_plant import write_machine
 
     write_machine(tmp_path, 3021, {"flexible_payload": 0.056365}, runs=("fit", "validate"), suffix=".csv")
-    found = trace_whole(tmp_path, ["fit"], ["validate"])
+    found = hx.trace(tmp_path)
     assert found.verdict == "explained"
-    (effect,) = found.effects
-    assert effect.candidate.effect.name == "flexible_payload" and not effect.tied_with
-    assert effect.values["mass_kg"] == pytest.approx(2.255, rel=0.03)
-    assert effect.values["frequency_Hz"] == pytest.approx(8.0, rel=0.01)
+    (effect,) = found.report["effects"]
+    assert effect["name"] == "flexible_payload" and not effect["tied_with"]
+    assert effect["parameters"]["mass_kg"] == pytest.approx(2.255, rel=0.03)
+    assert effect["parameters"]["frequency_Hz"] == pytest.approx(8.0, rel=0.01)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.own import run
 from hexsim.own.folder import load_simulated
 from hexsim.signals.log import Log

@@ -9,9 +9,8 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.cli.work import interruptible
-from hexsim.errors import HexsimError
 from hexsim.tracing import store
 from hexsim.tracing import trace as traces
 
@@ -158,10 +157,3 @@ def test_bad_logs_leave_nothing(tmp_path, folder):
     """A log that is not there: exit code 2, no folder."""
     result = CliRunner().invoke(app, ["trace", str(folder), "--fit", "nowhere", "--out", str(tmp_path / "out")])
     assert result.exit_code == 2 and not (tmp_path / "out").exists()
-
-
-def test_work_in_a_thread_gives_and_raises_what_it_would():
-    """The result, and the error itself."""
-    assert interruptible(lambda: 3) == 3
-    with pytest.raises(HexsimError, match="no"):
-        interruptible(lambda: (_ for _ in ()).throw(HexsimError("no")))

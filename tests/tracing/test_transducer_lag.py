@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
+import hexsim as hx
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.signals.channels import noise_of
 from hexsim.signals.lag import lagged
 from hexsim.signals.log import Log
@@ -19,7 +20,6 @@ from hexsim.tracing.balances.sensor import Sensor
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.fitting import fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.trace import trace
 
 SAMPLE_s = 1e-3
 MOTION = {
@@ -85,7 +85,7 @@ def test_a_lag_is_found_with_its_cut_off(tmp_path, name, cut_off_Hz):
     """A bench of the second plant, its parameters off, traced whole: that effect alone, within 10 %."""
     lag_s = 1.0 / (2 * np.pi * cut_off_Hz)
     write_machine(tmp_path, 43, {name: 1e3 * lag_s})
-    result = trace(tmp_path, ["fit", "sweep"], ["validate"])
+    result = hx.trace(tmp_path, ["fit", "sweep"], ["validate"])
     assert result.verdict == "explained"
     [effect] = result.report["effects"]
     assert effect["name"] == name

@@ -10,9 +10,9 @@ import time
 import numpy as np
 import pytest
 
+from hexsim import HexsimError
 from hexsim.cueing import protocols
 from hexsim.cueing import shaping as shapes
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")

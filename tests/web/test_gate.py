@@ -19,10 +19,8 @@ import msgspec
 import viser
 import websockets
 
-from hexsim import web
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario, web
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
 from hexsim.web import gate as page_gate
 from hexsim.web import knobs as sliders
 

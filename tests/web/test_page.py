@@ -5,10 +5,9 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import load_scenario
 from hexsim.cli import app, options
 from hexsim.machine import available_machines, load_machine
-from hexsim.scenarios import load_scenario
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
 from hexsim import web
