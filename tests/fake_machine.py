@@ -13,14 +13,17 @@ import time
 
 import numpy as np
 
-from hexsim.motion_computer import host_packet, monitors, telemetry
+from hexsim.motion_computer import host_packet, monitors, states, telemetry
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.host_packet import HostCommand
-from hexsim.motion_computer.states import State
 
 STEP_s = 1e-3
 VISIBLE_m = 0.01
-NEXT = {"start": State.NEUTRAL, "run_normal": State.NORMAL, "return_neutral": State.NEUTRAL, "settle": State.OFF}
+NEXT = {
+    "start": states.State.NEUTRAL,
+    "run_normal": states.State.NORMAL,
+    "return_neutral": states.State.NEUTRAL,
+    "settle": states.State.OFF,
+}
 
 
 class FakeMachine:
@@ -47,7 +50,7 @@ class FakeMachine:
         self.stroke = machine.of_legs("cylinder", "stroke_m")
         self.position = self.mechanics.neutral_positions.copy()
         self.read, self.held, self.twin = self.position.copy(), None, self.position.copy()
-        self.state, self.time_s, self.host_s, self.sequence = State.OFF, 0.0, None, 0
+        self.state, self.time_s, self.host_s, self.sequence = states.State.OFF, 0.0, None, 0
         self.moving_since_s = self.broke_s = self.visible_s = self.stopped_s = self.settling_s = None
         self.rows, self.random, self.packets = [], np.random.default_rng(0), 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -86,27 +89,27 @@ class FakeMachine:
     def _lying(self):
         return self.moving_since_s is not None and self.time_s - self.moving_since_s >= self.at_s
 
-    def _answer(self, command: HostCommand, peer):
+    def _answer(self, command: host_packet.HostCommand, peer):
         self.rows.append((self.state, np.array(command.setpoints)))
-        if command.command in NEXT and not (self.state == State.OFF and command.command != "start"):
+        if command.command in NEXT and not (self.state == states.State.OFF and command.command != "start"):
             if self.broke_s is not None and self.stopped_s is None and command.command in ("settle", "return_neutral"):
                 self.stopped_s = self.time_s
             self.state = NEXT[command.command]
-            if self.state == State.NORMAL:
+            if self.state == states.State.NORMAL:
                 self.moving_since_s = self.time_s
-            if self.state == State.OFF:
-                self.state, self.settling_s = State.SETTLING, self.time_s
+            if self.state == states.State.OFF:
+                self.state, self.settling_s = states.State.SETTLING, self.time_s
         elapsed = 0.01 if self.host_s is None else command.time_s - self.host_s
         self.host_s = command.time_s
         setpoint = self.mechanics.piston_positions(np.array(command.setpoints))
         rows = [self._step(setpoint) for _ in range(round(max(elapsed, 0.0) / STEP_s))]
-        if self.state == State.SETTLING and self.time_s - self.settling_s >= self.down_s:
-            self.state = State.OFF
+        if self.state == states.State.SETTLING and self.time_s - self.settling_s >= self.down_s:
+            self.state = states.State.OFF
         self._send(rows, command, peer)
 
     def _step(self, setpoint):
         self.time_s += STEP_s
-        driven = self.state == State.NORMAL
+        driven = self.state == states.State.NORMAL
         wanted = setpoint if driven else self.mechanics.neutral_positions
         faulty = self.fault and driven and self.time_s - self.moving_since_s >= self.at_s
         if faulty and self.broke_s is None:
@@ -175,7 +178,7 @@ class FakeMachine:
             state=self.state,
             errors=Error.NONE,
             sequence=command.sequence,
-            arrived=self.state != State.SETTLING,
+            arrived=self.state != states.State.SETTLING,
             refused=False,
             time_s=times.get(lie, self.time_s),
             behind_s=0.0,

@@ -23,12 +23,10 @@ from hexsim.identification.rounds import check_careful
 from hexsim.identification.story import write_story
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
-from hexsim.motion_computer import compensator_packet, host_limiter, host_packet, telemetry
+from hexsim.motion_computer import compensator_packet, host_limiter, host_packet, states, telemetry
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.states import State
-from hexsim.simulation import simulate
+from hexsim.simulation import serve, simulate
 from hexsim.simulation.asked_compensators import AskedCompensators
-from hexsim.simulation.serve import Server
 
 BENCH_HEAVE = {
     "mode": "actuator",
@@ -48,7 +46,7 @@ def packet(sequence: int, time_s: float, rows: int = 2, n: int = 1, rate: float 
 def served():
     """A bench in lockstep, with telemetry, in a thread."""
     stop = threading.Event()
-    with Server(load_machine("bench"), port=0, telemetry=True, lockstep=True) as server:
+    with serve.Server(load_machine("bench"), port=0, telemetry=True, lockstep=True) as server:
         thread = threading.Thread(target=server.run, kwargs={"stop": stop})
         thread.start()
         try:
@@ -270,7 +268,7 @@ def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp
     story = identify("bench", served.address, 5.0, with_held_out(tmp_path), show)
     assert story.ended == "interrupted by the user"
     assert calls[-1] == "lowering the machine"
-    assert served.computer.state == State.OFF
+    assert served.computer.state == states.State.OFF
 
 
 SHORT_s = 6.0  # of a round
@@ -321,7 +319,7 @@ def test_the_designed_motion_is_measured_and_fitted_on(served, tmp_path, told_tr
         commanded, rel=0.15
     )  # its loop takes 8 % at 0.5 Hz, its dead band 2 mm
     assert first.ended == "explained: nothing is left to be told apart, and every number is sharp"
-    assert served.computer.state == State.OFF
+    assert served.computer.state == states.State.OFF
     time.sleep(1.3)  # until another host is listened to
     again = identify("bench", served.address, 5.0, tmp_path)
     assert len(again.rounds) == 2
@@ -389,14 +387,14 @@ def test_another_host_takes_over_in_lockstep(served):
     """The first host is gone while the machine follows it: machine time stands still, and yet a second one gets in after a
     second of silence, lowers the machine, and starts it again."""
     with hosts.Host(served.address) as first:
-        first.until(State.NEUTRAL)
+        first.until(states.State.NEUTRAL)
         first.exchange(command="run_normal")
     time.sleep(1.3)
     with hosts.Host(served.address) as second:
-        assert second.exchange().state == State.NORMAL
-        second.until(State.NEUTRAL, "return_neutral")
-        second.until(State.OFF, "settle")
-        second.until(State.NEUTRAL, "start")
+        assert second.exchange().state == states.State.NORMAL
+        second.until(states.State.NEUTRAL, "return_neutral")
+        second.until(states.State.OFF, "settle")
+        second.until(states.State.NEUTRAL, "start")
 
 
 def test_nobody_there():
@@ -412,7 +410,7 @@ def test_nobody_there():
 def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
     """Replies that come three packets late: whether a command was refused is judged by the reply that answers it."""
     answer = host_packet.Reply(
-        state=State.NEUTRAL,
+        state=states.State.NEUTRAL,
         errors=Error.NONE,
         sequence=0,
         arrived=True,
@@ -430,7 +428,7 @@ def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
     def late(link, until_s, wanted=None):
         newest = max(len(sent) - 4, 0)
         taken = newest >= asked
-        state = State.NORMAL if taken and not refused else State.NEUTRAL
+        state = states.State.NORMAL if taken and not refused else states.State.NEUTRAL
         link.reply = replace(answer, sequence=newest, state=state, refused=taken and refused)
         return True
 
@@ -444,7 +442,7 @@ def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
             with pytest.raises(HexsimError, match="the machine refuses run_normal in state neutral"):
                 host.exchange(command="run_normal")
         else:
-            assert host.exchange(command="run_normal").state == State.NORMAL
+            assert host.exchange(command="run_normal").state == states.State.NORMAL
 
 
 def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
@@ -456,7 +454,7 @@ def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
     monkeypatch.setattr(links.Link, "receive", lambda link, until_s, wanted=None: True)
     with hosts.Host(("127.0.0.1", 9)) as host:
         host._link.reply = host_packet.Reply(
-            state=State.NEUTRAL,
+            state=states.State.NEUTRAL,
             errors=Error.NONE,
             sequence=0,
             arrived=True,

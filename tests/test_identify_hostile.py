@@ -20,8 +20,7 @@ from hexsim.identification import host as hosts
 from hexsim.identification import link as links
 from hexsim.identification.plan import planned
 from hexsim.machine import load_machine
-from hexsim.motion_computer import host_limiter, telemetry
-from hexsim.motion_computer.states import State
+from hexsim.motion_computer import host_limiter, states, telemetry
 
 MACHINES = {name: load_machine(name) for name in ("bench", "micro_motion_system")}
 SINE = {"duration_s": 4.0, "fade_s": 0.5, "fade": "smooth"}
@@ -41,7 +40,7 @@ def motion(machine, amplitude=0.03, frequency=0.5):
 def drive(fake, machine, rows=None, patience_s=3.0):
     """Start, drive, and what came of it. patience_s: without a reply, the host's own."""
     with hosts.Host(fake.address, machine, patience_s=patience_s) as host:
-        host.until(State.NEUTRAL, "start")
+        host.until(states.State.NEUTRAL, "start")
         try:
             return host.drive(motion(machine) if rows is None else rows)
         finally:
@@ -92,7 +91,7 @@ def test_a_fault_of_a_machine_without_monitors_is_noticed(fault, name, leg, at_s
     with FakeMachine(machine, fault=fault, leg=leg, at_s=at_s) as fake:
         with pytest.raises(hosts.MachineFault, match=FAULTS[fault].format(leg=leg + 1)):
             drive(fake, machine)
-        assert fake.state == State.OFF
+        assert fake.state == states.State.OFF
     assert fake.broke_s < fake.stopped_s <= (fake.visible_s or fake.stopped_s) + 0.5
     assert host_limiter.HostLimiter(machine).worst(np.array([row for _, row in fake.rows]))[0] <= 1.0 + 1e-5
 
@@ -196,7 +195,7 @@ def test_the_first_interrupt_lowers_the_machine_and_keeps_what_was_measured(numb
             time.sleep(0.01)
         process.send_signal(number)
         _, said = process.communicate(timeout=60.0)
-        assert fake.state == State.OFF
+        assert fake.state == states.State.OFF
     assert "lowering the machine: up to 10 s" in said
     story = json.loads((tmp_path / "out" / "story.json").read_text())
     assert story["ended"] == "interrupted by the user"

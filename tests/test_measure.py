@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from hexsim import Scenario, load_scenario, qualification
 from hexsim.cli import app
 from hexsim.qualification import measured
-from hexsim.setpoints.signals import Sine
+from hexsim.setpoints import signals
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
 
@@ -138,7 +138,7 @@ def test_a_sine_is_found_with_its_frequency_and_start():
 def test_another_motion_gives_its_frequency_response(bench, tmp_path):
     """A multisine on the bench: its gain at 0.5 Hz is that of a sine within 0.5 dB (the machine is not linear)."""
     scenario = Scenario(
-        name="m", mode="actuator", signals={"leg_1": Sine(amplitude=0.01, frequency_Hz=0.3)}, duration_s=3.0
+        name="m", mode="actuator", signals={"leg_1": signals.Sine(amplitude=0.01, frequency_Hz=0.3)}, duration_s=3.0
     )
 
     run = simulate(bench, replace(load_scenario("multisine"), duration_s=30.0))
@@ -147,7 +147,7 @@ def test_another_motion_gives_its_frequency_response(bench, tmp_path):
     curve = result["describing_function"]["z"]
     gain_at = np.interp(0.5, curve["frequency_Hz"], curve["gain_dB"])
     sine = simulate(
-        bench, replace(scenario, signals={"leg_1": Sine(amplitude=0.03, frequency_Hz=0.5)}, duration_s=12.0)
+        bench, replace(scenario, signals={"leg_1": signals.Sine(amplitude=0.03, frequency_Hz=0.5)}, duration_s=12.0)
     )
     wanted = qualification.measure(Log.of_table("sine", sine.log, "bench"), bench, tmp_path)["describing_function"]["z"]
     assert gain_at == pytest.approx(wanted["gain_dB"][0], abs=0.5)
@@ -165,7 +165,12 @@ def test_the_command_measures_a_run(bench, tmp_path):
     """`hexsim test log LOG`: a table and a report; numbers that are none are a sentence."""
     run = simulate(
         bench,
-        Scenario(name="s", mode="actuator", signals={"leg_1": Sine(amplitude=0.05, frequency_Hz=0.5)}, duration_s=10.0),
+        Scenario(
+            name="s",
+            mode="actuator",
+            signals={"leg_1": signals.Sine(amplitude=0.05, frequency_Hz=0.5)},
+            duration_s=10.0,
+        ),
     )
     run.log.write_parquet(tmp_path / "s.parquet")
     call = ["test", "log", str(tmp_path / "s.parquet"), "--machine", "bench", "--out", str(tmp_path / "out")]

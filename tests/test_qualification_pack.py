@@ -15,7 +15,7 @@ from hexsim.machine import load_machine
 from hexsim.qualification import omct as omct_tests
 from hexsim.qualification import pack, part60
 from hexsim.qualification import rows as pack_limits
-from hexsim.setpoints.signals import Sine
+from hexsim.setpoints import signals
 
 G = 9.81
 W = (0.631, 3.981)  # of OMCT's frequencies, below and above the washout's corners
@@ -186,7 +186,7 @@ def test_every_motion_is_recorded(tmp_path, name, axis, more):
     rig = qualification.MachineRig(
         load_machine("micro_motion_system"), record=lambda scenario, motion: kept.append((scenario, motion))
     )
-    sine = Sine(amplitude=0.01, frequency_Hz=0.5)
+    sine = signals.Sine(amplitude=0.01, frequency_Hz=0.5)
     motion = rig.play(Scenario(name=name, mode="dof", signals={axis: sine}, duration_s=0.3, fade_s=0.1, fade="smooth"))
     [(scenario, same)] = kept
     assert same is motion

@@ -12,7 +12,6 @@ from hexsim.machine import load_machine
 from hexsim.mechanics import kinematics
 from hexsim.qualification import measures
 from hexsim.setpoints import signals
-from hexsim.setpoints.signals import Sine
 
 TAU = 0.03  # s, of the first-order system
 RATE = 1000.0
@@ -160,7 +159,7 @@ def test_noise_of_known_size_is_found() -> None:
             motion = super().play(scenario, seed)
             (axis,) = scenario.signals
             signal = scenario.signals[axis]
-            if isinstance(signal, Sine) and signal.frequency_Hz == 0.5:
+            if isinstance(signal, signals.Sine) and signal.frequency_Hz == 0.5:
                 t, a = motion.time_s, signal.amplitude * np.pi**2
                 motion.acceleration[axis] = a * (
                     np.sin(np.pi * t) + 0.05 * np.sin(3 * np.pi * t) + 0.02 * np.cos(7 * np.pi * t)

@@ -9,15 +9,16 @@ import pytest
 from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
+import hexsim
 from hexsim.cli import app
 from hexsim.cli import schema as schemas
 from hexsim.hydraulics.effects import library
 from hexsim.machine import models_folder
-from hexsim.scenarios.scenario import FOLDER
 
 DATA = Path(__file__).parent / "data"
+SCENARIO_FILES = Path(hexsim.__file__).parent / "scenarios"
 MACHINES = [*models_folder().glob("*/*.toml"), *DATA.glob("*/machine.toml")]
-SCENARIOS = list(FOLDER.glob("*.toml"))
+SCENARIOS = list(SCENARIO_FILES.glob("*.toml"))
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +80,7 @@ def test_a_bad_machine_file_has_not(machine, table, key, value):
 )
 def test_a_bad_scenario_file_has_not(scenario, change):
     """An unknown kind, a missing key, a fault without its time or with a wrong word, an unknown key."""
-    good = tomllib.loads((FOLDER / "heave.toml").read_text())
+    good = tomllib.loads((SCENARIO_FILES / "heave.toml").read_text())
     assert not scenario.is_valid({**copy.deepcopy(good), **change})
 
 

@@ -14,9 +14,8 @@ from websockets.typing import Subprotocol
 from hexsim import HexsimError
 from hexsim.cli import app
 from hexsim.signals import table as signal_table
-from hexsim.simulation import live
+from hexsim.simulation import live, serve
 from hexsim.simulation import stream as stream_module
-from hexsim.simulation.serve import Server
 
 TICKS = 40
 
@@ -29,7 +28,7 @@ def test_every_tick_is_a_row_of_the_logs_columns(name, request):
         there.bind(("127.0.0.1", 0))
         there.settimeout(5.0)
         rows = []
-        with Server(machine, port=0, stream=stream_module.JsonStream(there.getsockname())) as server:
+        with serve.Server(machine, port=0, stream=stream_module.JsonStream(there.getsockname())) as server:
             for _ in range(TICKS):
                 server.tick()
                 rows.append(json.loads(there.recv(65536)))

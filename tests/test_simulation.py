@@ -8,10 +8,11 @@ import polars as pl
 import pytest
 from scipy.signal import cont2discrete, dlsim
 
+import hexsim as hx
 from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import available_scenarios, replay_scenario, scenario_from_dict
+from hexsim.scenarios import replay_scenario, scenario_from_dict
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.simulation import simulate
 from hexsim.smoothness import band_limit
@@ -32,7 +33,7 @@ def machine():
     return load_machine("micro_motion_system")
 
 
-@pytest.mark.parametrize("name", available_scenarios())
+@pytest.mark.parametrize("name", hx.available()["scenarios"])
 def test_every_scenario_starts(name):
     """Each scenario that travels with hexsim runs for half a second and gives figures for all axes."""
     scenario = load_scenario(name, duration_s=0.5)

@@ -8,14 +8,13 @@ from scipy.signal import butter, sosfreqz
 
 from hexsim import HexsimError, smoothness
 from hexsim.setpoints import signals
-from hexsim.setpoints.signals import Sine
 from hexsim.smoothness import band_limit
 from hexsim.smoothness.band import low_pass_sections
 
 RATE_Hz = 1000.0
 TIME = np.arange(0.0, 20.0, 1.0 / RATE_Hz)
 W = 2.0 * np.pi * 0.5
-HEAVE = Sine(amplitude=0.05, frequency_Hz=0.5)
+HEAVE = signals.Sine(amplitude=0.05, frequency_Hz=0.5)
 AMPLITUDE = 0.05 * W**2  # 0.493 m/s2
 INNER = slice(200, -200)  # 0.2 s off the ends of the record, past the filter's padding
 

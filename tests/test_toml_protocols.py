@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 from hexsim import HexsimError
 from hexsim.cueing import protocols, toml_protocol
 from hexsim.machine import load_machine
-from hexsim.motion_computer.states import State
+from hexsim.motion_computer import states
 from hexsim.simulation import serve, vehicle_link
-from hexsim.simulation.serve import Server
 
 G = 9.81
 SHIPPED = Path(__file__).parents[1] / "examples" / "protocols"
@@ -181,7 +180,7 @@ def test_a_rigs_packets_move_the_legs(made):
     and comes back to neutral after a longer one, where the machine still runs."""
     packets = made('format = "text"\n' + fields({"leg_1_m": "column = 0\nfactor = 0.001"}))
     vehicle = vehicle_link.Vehicle(decode=packets, name="rig")
-    server = Server(load_machine("bench"), port=0, host_input=serve.HostInput(vehicle=vehicle))
+    server = serve.Server(load_machine("bench"), port=0, host_input=serve.HostInput(vehicle=vehicle))
     with server, contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as rig:
 
         def play(seconds: float, sends: bool) -> float:
@@ -195,4 +194,4 @@ def test_a_rigs_packets_move_the_legs(made):
         assert play(4.0, True) - neutral == pytest.approx(0.020, abs=1e-3)
         assert play(0.3, False) - neutral == pytest.approx(0.020, abs=1e-3)
         assert play(3.0, False) - neutral == pytest.approx(0.0, abs=1e-3)
-        assert server.computer.state == State.NORMAL and not server.computer.errors
+        assert server.computer.state == states.State.NORMAL and not server.computer.errors

@@ -12,10 +12,9 @@ from hexsim import HexsimError
 from hexsim.cli.flown import vehicle_of
 from hexsim.cueing import protocols, toml_protocol, washout
 from hexsim.machine import load_machine
-from hexsim.motion_computer.states import State
+from hexsim.motion_computer import states
 from hexsim.recording.washout_figure import washout_figure
 from hexsim.simulation import serve, vehicle_link
-from hexsim.simulation.serve import Server
 
 beamng, flightgear, outsim, xplane, xplane12, xplane_rref = (
     protocols.PROTOCOLS[name] for name in ("beamng", "flightgear", "outsim", "xplane", "xplane12", "xplane-rref")
@@ -264,7 +263,7 @@ def test_packets_that_a_file_describes(tmp_path) -> None:
         toml_protocol.protocol("aces")
 
 
-def drive(server: Server, seconds: float, packet, every: int = 8):
+def drive(server: serve.Server, seconds: float, packet, every: int = 8):
     """Tick a server, sending a packet each `every` ticks (8: 62.5 Hz), where there is one."""
     host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -278,9 +277,9 @@ def drive(server: Server, seconds: float, packet, every: int = 8):
         host.close()
 
 
-def hexapod(**more) -> Server:
+def hexapod(**more) -> serve.Server:
     vehicle = vehicle_link.Vehicle(decode=flightgear, name="flightgear", **more)
-    return Server(
+    return serve.Server(
         load_machine("micro_motion_system"), port=0, host_input=serve.HostInput(vehicle=vehicle), timestep=2e-4
     )
 
@@ -299,7 +298,7 @@ def test_a_flight_model_moves_the_machine() -> None:
         for _ in drive(server, 3.0, packet):
             asked = max(asked, server.link.pose[2])
             highest = max(highest, float(server.plant.data.qpos[2] - server.plant.kinematics.neutral_height_m))
-        assert server.computer.state == State.NORMAL
+        assert server.computer.state == states.State.NORMAL
         assert asked > 0.01 and highest == pytest.approx(asked, rel=0.3)
 
 
@@ -311,11 +310,11 @@ def test_a_pause_settles_the_machine_and_it_goes_on() -> None:
         poses = [server.link.pose.copy() for server in drive(server, 4.0, flight)]
         for _ in drive(server, 8.0, lambda: None):
             poses.append(server.link.pose.copy())
-        assert server.computer.state == State.NORMAL and not server.computer.errors
+        assert server.computer.state == states.State.NORMAL and not server.computer.errors
         assert np.abs(poses[-1]).max() < 0.02 < np.abs(poses[1999]).max()
         for _ in drive(server, 4.0, flight):
             poses.append(server.link.pose.copy())
-        assert server.computer.state == State.NORMAL and server.link.share == 1.0
+        assert server.computer.state == states.State.NORMAL and server.link.share == 1.0
         np.testing.assert_allclose(poses[-1], poses[1999], atol=0.02)
         change = np.abs(np.diff(poses, 2, axis=0)).max(axis=1) / server.tick_s**2
         flown = change[:250].max()  # the fade from rest into the flight
@@ -330,10 +329,10 @@ def test_strictly_a_pause_is_a_fault() -> None:
     with hexapod(strict=True) as server:
         for _ in drive(server, 0.6, fdm):
             pass
-        assert server.computer.state == State.NORMAL
+        assert server.computer.state == states.State.NORMAL
         for _ in drive(server, 1.2, lambda: None):
             pass
-        assert server.computer.state == State.FAULT
+        assert server.computer.state == states.State.FAULT
 
 
 def test_one_simulator_at_a_time_is_listened_to() -> None:
@@ -370,7 +369,7 @@ def test_xplane_is_asked_until_it_answers_and_told_the_end() -> None:
     vehicle = vehicle_of(f"xplane-rref@127.0.0.1:{xplane_socket.getsockname()[1]}", strict=False)
     everything = [(60, index) for index in range(1, 7)]
     with xplane_socket:
-        with Server(
+        with serve.Server(
             load_machine("bench"), port=0, host_input=serve.HostInput(vehicle=vehicle), timestep=2e-4
         ) as server:
             for _ in range(round(1.5 / server.tick_s)):
@@ -379,7 +378,7 @@ def test_xplane_is_asked_until_it_answers_and_told_the_end() -> None:
             for _ in range(round(1.0 / server.tick_s)):
                 xplane_socket.sendto(rref([0.0, 0.0, 1.2, 0.0, 0.0, 0.0]), server.address)
                 server.tick()
-            assert server.computer.state == State.NORMAL and server.link.pose[2] > 1e-3 and asked() == []
+            assert server.computer.state == states.State.NORMAL and server.link.pose[2] > 1e-3 and asked() == []
         assert asked() == [(0, index) for index in range(1, 7)]
     for wrong in ("xplane-rref@", "xplane-rref@127.0.0.1:x", "xplane-rref@127.0.0.1:70000", "xplane-rref@no such host"):
         with pytest.raises(HexsimError, match="xplane-rref@"):
@@ -390,7 +389,7 @@ def test_a_clock_that_stands_still_is_a_pause() -> None:
     """OutSim packets that go on with the same time: the simulator is in a menu, and its last acceleration is not held."""
     main = (0.0,) * 3 + (0.0,) * 3 + (0.0, 4.0, 0.0) + (0.0,) * 3
     clock = iter(range(1, 1_000_000))
-    with Server(
+    with serve.Server(
         load_machine("bench"),
         port=0,
         host_input=serve.HostInput(vehicle=vehicle_link.Vehicle(decode=outsim, name="outsim")),
@@ -463,7 +462,7 @@ def test_a_take_off_is_felt(tmp_path, monkeypatch) -> None:
     assert np.mean([one.acceleration[0] for one in found[300:600]]) == pytest.approx(2.6, abs=0.4)
     assert max(one.acceleration[2] for one in found[800:]) > 1.0
     waiting = sorted((t + rng.uniform(0.0, 0.005), data) for t, data in packets if rng.random() > 0.05)
-    with Server(
+    with serve.Server(
         load_machine("micro_motion_system/tuned"),
         port=0,
         timestep=2e-4,
@@ -475,7 +474,7 @@ def test_a_take_off_is_felt(tmp_path, monkeypatch) -> None:
                 host.sendto(waiting.pop(0)[1], server.address)
             server.tick()
         host.close()
-        assert server.computer.state == State.NORMAL
+        assert server.computer.state == states.State.NORMAL
         latency = server.latency.ms()
     assert {"x", "pitch"} <= set(latency)
     assert max(latency.values()) < 40.0

@@ -1,15 +1,17 @@
 """Machine and scenario files, mutated, through the command line."""
 
 import tomllib
+from pathlib import Path
 
 from harness import MORE, command, fuzz, sandbox
 from hypothesis import strategies as st
 from mutations import as_toml, at_bounds, mutated, torn
 
+import hexsim
 from hexsim.cli import schema as schemas
 from hexsim.machine import models_folder
-from hexsim.scenarios.scenario import FOLDER
 
+SCENARIO_FILES = Path(hexsim.__file__).parent / "scenarios"
 BENCH = tomllib.loads((models_folder() / "bench" / "machine.toml").read_text())
 EFFECTS = {
     "null_offset": {"offset_V": 0.1},
@@ -18,7 +20,7 @@ EFFECTS = {
 }
 POWER_UNIT = tomllib.loads((models_folder() / "micro_motion_system" / "power_unit.toml").read_text())
 MACHINES = [BENCH, BENCH | {"effects": EFFECTS}, POWER_UNIT]
-SCENARIOS = [tomllib.loads(path.read_text()) for path in sorted(FOLDER.glob("*.toml"))]
+SCENARIOS = [tomllib.loads(path.read_text()) for path in sorted(SCENARIO_FILES.glob("*.toml"))]
 FAULTY = {"name": "faulty", "axes": {"z": {"kind": "sine", "amplitude": 0.02, "frequency_Hz": 1.0}}}
 FAULTS = [
     {"kind": "valve_stuck", "leg": 1, "time_s": 0.01, "at": "open"},

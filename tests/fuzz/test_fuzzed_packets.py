@@ -15,11 +15,9 @@ from hypothesis import strategies as st
 from mutations import as_toml, mutated, numbers, texts, values
 
 from hexsim.cueing import protocols, toml_protocol
-from hexsim.motion_computer import compensator_packet, host_packet, telemetry
+from hexsim.motion_computer import compensator_packet, host_packet, states, telemetry
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_buffer import HostBuffer
-from hexsim.motion_computer.host_packet import HostCommand
-from hexsim.motion_computer.states import State
 
 SIX = (0.1,) * 6
 ODD = [math.nan, math.inf, -math.inf, 1e30, -1e30, 1e-40, 0.0]
@@ -69,10 +67,10 @@ BRIDGE_JSON = json.dumps(
         "ROTATION VELOCITY BODY Z": 0.1,
     }
 ).encode()
-COMMAND = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, command="start")
-MOVING = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, derivatives=(SIX, SIX))
+COMMAND = host_packet.HostCommand(sequence=1, time_s=0.5, setpoints=SIX, command="start")
+MOVING = host_packet.HostCommand(sequence=1, time_s=0.5, setpoints=SIX, derivatives=(SIX, SIX))
 REPLY = host_packet.Reply(
-    state=State.NORMAL,
+    state=states.State.NORMAL,
     errors=Error.NONE,
     sequence=1,
     arrived=True,
@@ -89,7 +87,7 @@ TELEMETRY = [
     for n, m in ((1, 1), (6, 4))
 ]
 DECODERS: dict[str, tuple[Callable[[bytes], Any], type, list[bytes]]] = {
-    "command": (host_packet.unpack_command, HostCommand, [COMMAND.pack(), MOVING.pack()]),
+    "command": (host_packet.unpack_command, host_packet.HostCommand, [COMMAND.pack(), MOVING.pack()]),
     "reply": (host_packet.unpack_reply, host_packet.Reply, [REPLY.pack()]),
     "telemetry": (telemetry.unpack_telemetry, telemetry.Telemetry, [one.pack() for one in TELEMETRY]),
     "compensator": (compensator_packet.unpack_piece, compensator_packet.Piece, ASKED.packets()),
@@ -219,7 +217,7 @@ def test_layouts_of_any_content(tmp_path, examples):
 
 
 @st.composite
-def traffic(draw) -> list[tuple[float, HostCommand]]:
+def traffic(draw) -> list[tuple[float, host_packet.HostCommand]]:
     """Commands with times and sequences that jump, stand still or run backwards, and when each arrives."""
     now, sent, sequence, out = 0.0, 0.0, draw(words), []
     for _ in range(draw(st.integers(1, 40))):
@@ -227,7 +225,7 @@ def traffic(draw) -> list[tuple[float, HostCommand]]:
         sent += draw(st.sampled_from([0.002, 0.002, 0.0, -0.002, 1e-9, 0.9, 5.0, -1e9, 1e12]))
         sequence = (sequence + draw(st.sampled_from([1, 1, 1, 0, -1, 1000, 2**31]))) % 2**32
         place = tuple(draw(st.floats(-host_packet.LARGEST, host_packet.LARGEST)) for _ in range(6))
-        out.append((now, HostCommand(sequence=sequence, time_s=sent, setpoints=place)))
+        out.append((now, host_packet.HostCommand(sequence=sequence, time_s=sent, setpoints=place)))
     return out
 
 
@@ -235,7 +233,7 @@ def traffic(draw) -> list[tuple[float, HostCommand]]:
 def test_traffic_of_any_timing(examples):
     """Whatever comes when, the target, its velocity and its acceleration are finite."""
 
-    def claim(packets: list[tuple[float, HostCommand]]) -> None:
+    def claim(packets: list[tuple[float, host_packet.HostCommand]]) -> None:
         buffer = HostBuffer()
         for now, command in packets:
             buffer.add(command, now)
@@ -251,7 +249,7 @@ def test_commands_survive_the_way(examples):
     place = st.lists(numbers.map(float), min_size=6, max_size=6)
 
     def claim(six: list[float]) -> None:
-        command = HostCommand(sequence=3, time_s=1.0, setpoints=tuple(six), derivatives=(tuple(six), SIX))
+        command = host_packet.HostCommand(sequence=3, time_s=1.0, setpoints=tuple(six), derivatives=(tuple(six), SIX))
         found = host_packet.unpack_command(command.pack())
         assert found == command if all(abs(x) <= host_packet.LARGEST for x in six) else isinstance(found, str)
 

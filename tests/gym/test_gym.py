@@ -8,14 +8,15 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium", reason="pip install hexsim[gym]")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
+import hexsim as hx  # noqa: E402
 from hexsim import HexsimError, Scenario, gym  # noqa: E402
 from hexsim.gym import task as tasks  # noqa: E402
-from hexsim.machine import available_machines, load_machine  # noqa: E402
+from hexsim.machine import load_machine  # noqa: E402
 from hexsim.machine.files import changed  # noqa: E402
-from hexsim.setpoints.signals import Sine  # noqa: E402
+from hexsim.setpoints import signals  # noqa: E402
 
 MOTION = Scenario(
-    name="m", mode="dof", signals={"z": Sine(amplitude=0.04, frequency_Hz=0.8)}, duration_s=2.0, fade_s=0.5
+    name="m", mode="dof", signals={"z": signals.Sine(amplitude=0.04, frequency_Hz=0.8)}, duration_s=2.0, fade_s=0.5
 )
 EFFECTS = {
     "effects.valve_delay.delay_s": (0.004, 0.004),
@@ -117,7 +118,7 @@ def test_a_hand_made_policy_is_paid_more_than_plain_control():
 
 def test_uncertain_values_of_all_machines_are_drawn():
     """Each name in [uncertainty] of the shipped machines is a value of the file; draws stay within the declared width."""
-    for name in available_machines():
+    for name in hx.available()["machines"]:
         machine = load_machine(name)
         for key in machine.uncertainty:
             place, value = tasks.uncertain_key(machine, key)

@@ -7,7 +7,7 @@ import pytest
 
 from hexsim.hydraulics import learned as learned_terms
 from hexsim.hydraulics import leg, parameters, ports, rod_side
-from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 
 A1, A2 = math.pi / 4 * 0.04**2, math.pi / 4 * (0.04**2 - 0.03**2)
@@ -364,7 +364,7 @@ def test_valve_volts_are_delayed_and_lag_by_the_backlash(half_width, delay):
 @pytest.mark.parametrize("name", ["bench", "servo_bench"])
 def test_the_quick_answer_on_stiffness_is_never_wrong(name):
     """Where the slope of the flow is said to be surely below the limit it is; most instants are answered so."""
-    rng, machine_row, quick, trials = np.random.default_rng(3), declared_rows(load_machine(name))[0], 0, 5000
+    rng, machine_row, quick, trials = np.random.default_rng(3), parameters.declared_rows(load_machine(name))[0], 0, 5000
     Ps, sound = machine_row[P.SUPPLY_PRESSURE], []
     for _ in range(trials):
         row = machine_row.copy()

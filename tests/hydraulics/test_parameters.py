@@ -7,7 +7,7 @@ import pytest
 
 from hexsim.hydraulics import parameters
 from hexsim.hydraulics.effects import library
-from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -68,8 +68,8 @@ PLACES = [  # key, a value that no other key has, place in the row, what must st
 )
 def test_declared_number_stands_in_its_place(bench, key, given, place, stands):
     """A changed key arrives, and the place did not hold that value before."""
-    assert declared_rows(changed(bench, {key: given}))[0, place] == pytest.approx(stands, rel=1e-12)
-    assert declared_rows(bench)[0, place] != pytest.approx(stands, rel=1e-3)
+    assert parameters.declared_rows(changed(bench, {key: given}))[0, place] == pytest.approx(stands, rel=1e-12)
+    assert parameters.declared_rows(bench)[0, place] != pytest.approx(stands, rel=1e-3)
 
 
 @pytest.mark.parametrize(("key", "given"), sorted({(key, given) for key, given, _, _ in PLACES}, key=str))
@@ -80,16 +80,21 @@ def test_declared_number_moves_no_other_place(bench, key, given):
         "valve.spool_travel_max_m": {P.SPOOL_GAIN},  # x_max/u_max
     }
     expected = {place for k, _, place, _ in PLACES if k == key} | follows.get(key, set())
-    moved = {P(i) for i in np.flatnonzero(declared_rows(changed(bench, {key: given}))[0] != declared_rows(bench)[0])}
+    moved = {
+        P(i)
+        for i in np.flatnonzero(
+            parameters.declared_rows(changed(bench, {key: given}))[0] != parameters.declared_rows(bench)[0]
+        )
+    }
     assert moved == expected
 
 
 def test_all_legs_are_declared_alike(hexapod, bench):
     """Six equal rows for a hexapod, one for a bench of the same cylinder: the mass is not the row's."""
-    rows = declared_rows(hexapod)
+    rows = parameters.declared_rows(hexapod)
     assert rows.shape == (6, parameters.N_PARAMETERS)
     assert np.all(rows == rows[0])
-    np.testing.assert_array_equal(rows[0], declared_rows(bench)[0])
+    np.testing.assert_array_equal(rows[0], parameters.declared_rows(bench)[0])
 
 
 def test_places_are_numbered_without_gap_or_overlap():
@@ -129,7 +134,7 @@ def test_neutral_effect_leaves_the_rows_untouched(bench, name):
     with_effect = resolve(changed(bench, {f"effects.{name}": neutral_settings(effect)}))
     scaled = [p.slot for p in effect.parameters if p.slot is not None and p.default is None]
     assert scaled, "an effect of the row has a place that scales it"
-    np.testing.assert_array_equal(with_effect.rows[:, scaled], declared_rows(bench)[:, scaled])
+    np.testing.assert_array_equal(with_effect.rows[:, scaled], parameters.declared_rows(bench)[:, scaled])
 
 
 def everything(machine):
@@ -161,7 +166,9 @@ def test_believable_effect_changes_something_and_only_its_legs(hexapod, bench, n
     assert everything(changed(machine, {f"effects.{name}": table})) != everything(machine)
     if effect.places == "leg" and machine is hexapod:
         rows = resolve(changed(machine, {f"effects.{name}": {**table, "where": "leg 2"}})).rows
-        np.testing.assert_array_equal(np.delete(rows, 1, axis=0), np.delete(declared_rows(machine), 1, axis=0))
+        np.testing.assert_array_equal(
+            np.delete(rows, 1, axis=0), np.delete(parameters.declared_rows(machine), 1, axis=0)
+        )
 
 
 def test_effect_of_two_tables_adds_up(hexapod):

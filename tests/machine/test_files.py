@@ -5,8 +5,9 @@ import tomllib
 import pytest
 import tomli_w
 
+import hexsim as hx
 from hexsim import HexsimError
-from hexsim.machine import available_machines, files, load_machine, machine_from_dict, models_folder, save_machine
+from hexsim.machine import files, load_machine, machine_from_dict, models_folder, save_machine
 from hexsim.machine.files import changed, machine_tables
 
 
@@ -37,8 +38,8 @@ def test_saved_machine_has_the_tables_of_the_format(bench, tmp_path):
 
 def test_packaged_machines_are_found_by_name_and_path():
     """By name, by "models/<name>", by folder and by file: the same machine."""
-    assert {"bench", "micro_motion_system"} <= set(available_machines())
-    for name in available_machines():
+    assert {"bench", "micro_motion_system"} <= set(hx.available()["machines"])
+    for name in hx.available()["machines"]:
         folder = models_folder() / name
         same = load_machine(name)
         assert same.name == name
@@ -56,7 +57,7 @@ def test_unknown_machine_lists_what_there_is():
     with pytest.raises(HexsimError) as caught:
         load_machine("micro_motion")
     assert "unknown machine 'micro_motion'" in str(caught.value)
-    assert ", ".join(available_machines()) in str(caught.value)
+    assert ", ".join(hx.available()["machines"]) in str(caught.value)
 
 
 def test_folder_without_a_machine_file_says_so(tmp_path):
@@ -180,7 +181,9 @@ def test_single_legs_and_effects_are_changed_in_their_place(tmp_path):
     assert "null_offset" not in text
 
 
-@pytest.mark.parametrize("name", [*available_machines(), "micro_motion_system/power_unit", "micro_motion_system/tuned"])
+@pytest.mark.parametrize(
+    "name", [*hx.available()["machines"], "micro_motion_system/power_unit", "micro_motion_system/tuned"]
+)
 def test_every_machine_of_hexsim_can_be_fitted_and_keeps_its_comments(name, tmp_path):
     """Another overlap or mass: the file reads as the fitted machine, and every comment of the declared one is in it."""
     declared = load_machine(name)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from hexsim import HexsimError
+from hexsim.hydraulics import parameters
 from hexsim.hydraulics import supply as supplies
-from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve, warm_oil
 from hexsim.machine.files import changed
 
@@ -15,7 +16,7 @@ def test_without_effects_everything_is_as_declared(name, request):
     """Rows, constant supply, load, sensors and gravity of the file; no payload mode."""
     machine = request.getfixturevalue(name)
     made = resolve(machine)
-    np.testing.assert_array_equal(made.rows, declared_rows(machine))
+    np.testing.assert_array_equal(made.rows, parameters.declared_rows(machine))
     assert made.supply[supplies.S.MODEL] == supplies.CONSTANT and made.supply[supplies.S.PRESSURE] == 7.0e6
     assert made.load == machine.load and made.sensors == machine.sensors
     np.testing.assert_array_equal(made.gravity_m_s2, [0, 0, -9.8])
@@ -56,7 +57,7 @@ def test_power_unit_gives_the_supply_its_states(hexapod):
     """A [power_unit] is the supply, with oil as cold as it says; at 35 degC the rows are as declared."""
     made = resolve(changed(hexapod, {"power_unit.oil_temperature_degC": 35.0}))
     assert made.supply[supplies.S.MODEL] == supplies.POWER_UNIT
-    np.testing.assert_allclose(made.rows, declared_rows(hexapod), rtol=1e-14)
+    np.testing.assert_allclose(made.rows, parameters.declared_rows(hexapod), rtol=1e-14)
     cold = resolve(changed(hexapod, {"power_unit.oil_temperature_degC": 10.0}))
     assert cold.oil_temperature_degC == 10.0
     assert np.all(cold.rows[:, P.VISCOUS_EXTEND] > 1.2 * made.rows[:, P.VISCOUS_EXTEND])

@@ -8,12 +8,10 @@ import pytest
 
 from hexsim import HexsimError
 from hexsim.machine import load_machine
-from hexsim.motion_computer import host_packet
+from hexsim.motion_computer import host_packet, states
 from hexsim.motion_computer import limits as motion_limits
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_buffer import HostBuffer
-from hexsim.motion_computer.host_packet import HostCommand
-from hexsim.motion_computer.states import State
 
 MACHINE = load_machine("micro_motion_system")
 SIX = (0.01, -0.02, 0.03, 0.1, -0.2, 0.3)
@@ -21,12 +19,12 @@ SIX = (0.01, -0.02, 0.03, 0.1, -0.2, 0.3)
 
 def test_packets_have_their_documented_layout() -> None:
     """72 and 136 bytes; each field stands at its documented offset."""
-    data = HostCommand(sequence=7, time_s=1.5, setpoints=SIX, command="run_normal", mode=1).pack()
+    data = host_packet.HostCommand(sequence=7, time_s=1.5, setpoints=SIX, command="run_normal", mode=1).pack()
     assert (len(data), host_packet.REPLY.size) == (72, 136)
     assert data[:4] == b"HXC1"
     assert struct.unpack_from("<HHII", data, 4) == (3, 1, 7, 0)
     assert struct.unpack_from("<d6d", data, 16) == (1.5, *SIX)
-    more = HostCommand(
+    more = host_packet.HostCommand(
         sequence=7, time_s=1.5, setpoints=SIX, command="run_normal", mode=1, derivatives=(SIX[::-1], SIX)
     )
     assert len(more.pack()) == 168 and more.pack()[:4] == b"HXC2" and more.pack()[4:72] == data[4:]
@@ -35,12 +33,12 @@ def test_packets_have_their_documented_layout() -> None:
 
 def test_packets_survive_the_wire() -> None:
     """Packing and unpacking gives back the same command and the same reply."""
-    command = HostCommand(sequence=2**32 - 1, time_s=-3.0, setpoints=SIX, command="settle")
+    command = host_packet.HostCommand(sequence=2**32 - 1, time_s=-3.0, setpoints=SIX, command="settle")
     assert host_packet.unpack_command(command.pack()) == command
-    more = HostCommand(sequence=3, time_s=0.5, setpoints=SIX, derivatives=(SIX[::-1], SIX))
+    more = host_packet.HostCommand(sequence=3, time_s=0.5, setpoints=SIX, derivatives=(SIX[::-1], SIX))
     assert host_packet.unpack_command(more.pack()) == more
     reply = host_packet.Reply(
-        state=State.FAULT,
+        state=states.State.FAULT,
         errors=Error.SENSOR | Error.WORKSPACE,
         sequence=9,
         arrived=True,
@@ -58,7 +56,7 @@ def test_what_is_no_reply_is_said() -> None:
     """Another size, another version, a state that there is not, times that are not finite, poses that cannot be: each in its
     words, so that a host can tell a machine of another version from silence. A pose that is not known is no lie."""
     good = host_packet.Reply(
-        state=State.NORMAL,
+        state=states.State.NORMAL,
         errors=Error.NONE,
         sequence=9,
         arrived=True,
@@ -80,7 +78,7 @@ def test_what_is_no_reply_is_said() -> None:
 
 def test_what_is_no_command_is_said() -> None:
     """Wrong length, magic, number, mode, reserved field, NaN, infinite or absurd numbers: never an exception."""
-    good = HostCommand(sequence=1, time_s=0.0, setpoints=SIX).pack()
+    good = host_packet.HostCommand(sequence=1, time_s=0.0, setpoints=SIX).pack()
     bad = [
         good[:-1],
         good + b"x",
@@ -90,26 +88,26 @@ def test_what_is_no_command_is_said() -> None:
         good[:6] + b"\x02\x00" + good[8:],
     ]
     bad.append(good[:12] + b"\x01" + good[13:])
-    more = HostCommand(sequence=1, time_s=0.0, setpoints=SIX, derivatives=(SIX, SIX)).pack()
+    more = host_packet.HostCommand(sequence=1, time_s=0.0, setpoints=SIX, derivatives=(SIX, SIX)).pack()
     bad += [more[:-8], b"HXC1" + more[4:], more[:-8] + struct.pack("<d", float("nan")), more[:72] + b"\xff" * 96]
     for value in (float("nan"), float("inf"), -1e300):
         bad.append(host_packet.COMMAND.pack(b"HXC1", 0, 0, 1, 0, 0.0, *SIX[:5], value))
     bad.append(host_packet.COMMAND.pack(b"HXC1", 0, 0, 1, 0, float("nan"), *SIX))
     assert all(isinstance(host_packet.unpack_command(data), str) for data in bad)
-    assert isinstance(host_packet.unpack_command(good), HostCommand)
+    assert isinstance(host_packet.unpack_command(good), host_packet.HostCommand)
 
 
 def test_random_bytes_never_raise() -> None:
     """Ten thousand packets of noise, and of single bits turned in good ones (seeded), are survived."""
     source = random.Random(1)
     buffer = HostBuffer()
-    good = HostCommand(sequence=1, time_s=0.5, setpoints=SIX).pack()
+    good = host_packet.HostCommand(sequence=1, time_s=0.5, setpoints=SIX).pack()
     for k in range(10_000):
         data = bytearray(good) if k % 2 else bytearray(source.randbytes(source.randrange(0, 160)))
         for _ in range(source.randrange(1, 4) if data else 0):
             data[source.randrange(len(data))] ^= 1 << source.randrange(8)
         command = host_packet.unpack_command(bytes(data))
-        if isinstance(command, HostCommand):
+        if isinstance(command, host_packet.HostCommand):
             buffer.add(command, k * 0.002)
         assert all(np.isfinite(part).all() for part in buffer.target(k * 0.002))
 
@@ -129,7 +127,7 @@ def sine_packets(rate_Hz, duration=2.0, amplitude=0.05, frequency=0.5):
     for k in range(int(duration * rate_Hz)):
         t = k / rate_Hz
         z = amplitude * np.sin(2 * np.pi * frequency * t)
-        yield t, HostCommand(sequence=k, time_s=100.0 + t, setpoints=(0.0, 0.0, z, 0.0, 0.0, 0.0))
+        yield t, host_packet.HostCommand(sequence=k, time_s=100.0 + t, setpoints=(0.0, 0.0, z, 0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("rate_Hz", [60, 200, 500])
@@ -166,17 +164,17 @@ def test_loss_reorder_and_doubles_change_little() -> None:
 def test_a_host_that_starts_anew_is_heard_again() -> None:
     """A new host, with another clock and sequence, is refused while the old one is heard and taken after a second."""
     buffer = HostBuffer()
-    assert buffer.add(HostCommand(sequence=500, time_s=10.0, setpoints=SIX), 0.0)
-    assert not buffer.add(HostCommand(sequence=0, time_s=0.0, setpoints=SIX), 0.5)
-    assert buffer.add(HostCommand(sequence=0, time_s=0.6, setpoints=SIX), 1.1)
+    assert buffer.add(host_packet.HostCommand(sequence=500, time_s=10.0, setpoints=SIX), 0.0)
+    assert not buffer.add(host_packet.HostCommand(sequence=0, time_s=0.0, setpoints=SIX), 0.5)
+    assert buffer.add(host_packet.HostCommand(sequence=0, time_s=0.6, setpoints=SIX), 1.1)
     assert buffer.counts["sessions"] == 2
 
 
 def test_the_sequence_wraps() -> None:
     """After 2**32 - 1 comes 0."""
     buffer = HostBuffer()
-    assert buffer.add(HostCommand(sequence=2**32 - 1, time_s=0.0, setpoints=SIX), 0.0)
-    assert buffer.add(HostCommand(sequence=0, time_s=0.01, setpoints=SIX), 0.01)
+    assert buffer.add(host_packet.HostCommand(sequence=2**32 - 1, time_s=0.0, setpoints=SIX), 0.0)
+    assert buffer.add(host_packet.HostCommand(sequence=0, time_s=0.01, setpoints=SIX), 0.01)
 
 
 @pytest.mark.parametrize("first", [False, True])
@@ -187,7 +185,9 @@ def test_one_wrong_packet_stands_in_the_way_of_no_more_than_three(ahead_s, seque
     packets = list(sine_packets(200))
     place = 0 if first else 200
     t, right = packets[place]
-    wrong = HostCommand(sequence=right.sequence + sequences, time_s=right.time_s + ahead_s, setpoints=right.setpoints)
+    wrong = host_packet.HostCommand(
+        sequence=right.sequence + sequences, time_s=right.time_s + ahead_s, setpoints=right.setpoints
+    )
     packets[place] = t, wrong
     buffer, times, targets = played(packets)
     assert buffer.counts["accepted"] >= len(packets) - 4
@@ -208,7 +208,7 @@ def test_a_stream_with_wrong_packets_is_heard_on_fuzzed() -> None:
                 time_s += source.choice([-1, 1]) * 10 ** source.uniform(-2, 6)
             elif wrong:
                 sequence += source.choice([-1, 1]) * round(10 ** source.uniform(1, 9))
-            command = HostCommand(sequence=sequence % 2**32, time_s=time_s, setpoints=SIX)
+            command = host_packet.HostCommand(sequence=sequence % 2**32, time_s=time_s, setpoints=SIX)
             right += not wrong
             if buffer.add(command, 0.01 * k) and not wrong:
                 used.append(k)

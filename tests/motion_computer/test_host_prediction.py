@@ -7,9 +7,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from hexsim import HexsimError
 from hexsim.machine import load_machine
-from hexsim.motion_computer import host_prediction, host_process
+from hexsim.motion_computer import host_packet, host_prediction, host_process
 from hexsim.motion_computer.host_buffer import HostBuffer
-from hexsim.motion_computer.host_packet import HostCommand
 from hexsim.simulation import hosted
 
 BENCH = load_machine("bench")
@@ -96,7 +95,9 @@ def test_wrong_derivatives_do_little_harm() -> None:
             tuple((10.0 * (after - before) / 2e-3).tolist()),
             tuple((10.0 * (after - 2 * here + before) / 1e-6).tolist()),
         )
-        buffer.add(HostCommand(sequence=k, time_s=k / 60.0, setpoints=tuple(here), derivatives=wrong), k / 60.0)
+        buffer.add(
+            host_packet.HostCommand(sequence=k, time_s=k / 60.0, setpoints=tuple(here), derivatives=wrong), k / 60.0
+        )
         if k > 180:
             ahead = heave(np.array([k / 60.0 + 0.028]))[0, 2]
             most = max(most, abs(buffer.target(k / 60.0)[0][2] - ahead))
@@ -111,7 +112,7 @@ def test_nothing_that_was_shown_ahead_is_changed() -> None:
     for k in range(400):
         if k % 7 == 0:
             pose = (0.0, 0.0, float(rng.normal(0.0, 0.01)), 0.0, 0.0, 0.0)
-            made.buffer.add(HostCommand(sequence=k, time_s=k * TICK, setpoints=pose), k * TICK)
+            made.buffer.add(host_packet.HostCommand(sequence=k, time_s=k * TICK, setpoints=pose), k * TICK)
         shown.append(made.rows(k * TICK))
     for k in range(385):
         assert np.array_equal(shown[k][1:], shown[k + 1][:-1])
@@ -121,7 +122,10 @@ def test_a_host_that_falls_silent_is_not_continued_for_long() -> None:
     """Packets end in the midst of a stroke of 0.2 m/s: the target stands still four periods later, 20 mm on at most."""
     buffer = HostBuffer(0.0)
     for k in range(100):
-        buffer.add(HostCommand(sequence=k, time_s=k * 0.01, setpoints=(0.0, 0.0, 0.002 * k, 0.0, 0.0, 0.0)), k * 0.01)
+        buffer.add(
+            host_packet.HostCommand(sequence=k, time_s=k * 0.01, setpoints=(0.0, 0.0, 0.002 * k, 0.0, 0.0, 0.0)),
+            k * 0.01,
+        )
     position, velocity, acceleration = buffer.target(1.2)
     assert velocity[2] == 0.0 and acceleration[2] == 0.0
     assert 0.198 <= position[2] < 0.218
@@ -206,7 +210,7 @@ def test_a_clock_that_is_found_earlier_moves_nothing_at_once() -> None:
 
     def send(k: int, late_s: float) -> float:
         place = (0.0, 0.0, 0.2 * k / 60.0, 0.0, 0.0, 0.0)
-        buffer.add(HostCommand(sequence=k, time_s=k / 60.0, setpoints=place), k / 60.0 + late_s)
+        buffer.add(host_packet.HostCommand(sequence=k, time_s=k / 60.0, setpoints=place), k / 60.0 + late_s)
         return buffer.target(k / 60.0 + 0.01)[0][2] - 0.2 * (k / 60.0 + 0.01 - late)
 
     assert max(abs(send(k, late)) for k in range(60, 120)) < 5e-4

@@ -8,11 +8,10 @@ import pytest
 
 from hexsim import HexsimError
 from hexsim.setpoints import signals
-from hexsim.setpoints.signals import Sine
 
 SMOOTH = {  # signals whose velocity and acceleration exist everywhere
     "constant": signals.Constant(level=0.02),
-    "sine": Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.3),
+    "sine": signals.Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.3),
     "multisine": signals.Multisine(amplitudes=(0.01, 0.02, 0.005), frequencies_Hz=(0.3, 0.7, 2.1), seed=4),
     "sweep": signals.Sweep(amplitude=0.05, start_Hz=0.1, end_Hz=5.0, duration_s=8.0),
     "sweep velocity": signals.Sweep(amplitude=0.05, start_Hz=0.1, end_Hz=5.0, duration_s=8.0, hold="velocity"),
@@ -70,7 +69,7 @@ def test_signals_repeat_after_their_period(name):
 
 def test_only_a_single_sine_has_a_fundamental():
     """`fundamental_Hz` says that the fundamental is the whole command; a fade does not change it."""
-    assert signals.faded(Sine(amplitude=0.05, frequency_Hz=0.5), 2.0).fundamental_Hz == 0.5
+    assert signals.faded(signals.Sine(amplitude=0.05, frequency_Hz=0.5), 2.0).fundamental_Hz == 0.5
     assert signals.Multisine(amplitudes=(0.1,), frequencies_Hz=(0.7,)).fundamental_Hz == 0.7
     others = [signal for name, signal in (SMOOTH | CORNERED).items() if name != "sine"]
     assert [signal.fundamental_Hz for signal in others] == [None] * len(others)
@@ -78,7 +77,7 @@ def test_only_a_single_sine_has_a_fundamental():
 
 def test_sine_at_its_characteristic_points():
     """0, top, 0, bottom at quarters of the period; largest speed A w at 0, largest acceleration -A w^2 at the top."""
-    sine, w = Sine(amplitude=0.05, frequency_Hz=0.5), np.pi
+    sine, w = signals.Sine(amplitude=0.05, frequency_Hz=0.5), np.pi
     assert sine.value([0.0, 0.5, 1.0, 1.5]) == pytest.approx([0.0, 0.05, 0.0, -0.05], abs=1e-16)
     assert sine.velocity([0.0, 0.5, 1.0]) == pytest.approx([0.05 * w, 0.0, -0.05 * w], abs=1e-16)
     assert sine.acceleration([0.0, 0.5, 1.5]) == pytest.approx([0.0, -0.05 * w**2, 0.05 * w**2], abs=1e-16)
@@ -178,7 +177,7 @@ def test_strokes_turn_round_smoothly():
 
 def test_linear_fade_is_that_of_the_report():
     """min(t / T, 1) times the sine (report 3.3): half the sine at half the fade, all of it afterwards, 0 before 0."""
-    sine = Sine(amplitude=0.05, frequency_Hz=0.5)
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5)
     signal = signals.faded(sine, 2.0)
     assert signal.value([-0.5, 0.0, 1.5, 2.5]) == pytest.approx([0.0, 0.0, 0.75 * sine.value(1.5), sine.value(2.5)])
     assert signal.velocity(0.0) == 0.0
@@ -187,7 +186,7 @@ def test_linear_fade_is_that_of_the_report():
 
 def test_smooth_fade_starts_and_ends_without_a_jump():
     """Velocity and acceleration are 0 at the start and meet the signal's at the end; half of it in the middle."""
-    sine = Sine(amplitude=0.05, frequency_Hz=0.3, phase_rad=1.0)
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.3, phase_rad=1.0)
     signal = signals.faded(sine, 2.0, "smooth")
     for faded_in, bare in ((signal.velocity, sine.velocity), (signal.acceleration, sine.acceleration)):
         assert faded_in([0.0, 1e-7]) == pytest.approx([0.0, 0.0], abs=1e-6)
@@ -197,13 +196,13 @@ def test_smooth_fade_starts_and_ends_without_a_jump():
 
 def test_no_fade_is_the_signal_itself():
     """A fade of 0 s changes nothing."""
-    sine = Sine(amplitude=0.05, frequency_Hz=0.5)
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5)
     assert signals.faded(sine, 0.0) is sine
 
 
 def test_evaluate_stacks_six_coordinates():
     """Values, velocities, accelerations of several signals side by side, (n, n_signals)."""
-    sine = Sine(amplitude=0.05, frequency_Hz=0.5)
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5)
     value, velocity, acceleration = signals.evaluate([signals.Constant(), sine], TIMES)
     assert np.array_equal(value[:, 1], sine.value(TIMES))
     assert np.array_equal(velocity[:, 1], sine.velocity(TIMES))
@@ -289,7 +288,7 @@ def write(path, **columns):
 def test_file_signal_passes_its_samples(tmp_path, name):
     """At the samples the file's own values, between them the sine they came from (error (w dt)^4 A), held outside."""
     time = np.arange(0.0, 4.0, 0.01)
-    sine = Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.5 * np.pi)  # ends at rest, as the spline does
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.5 * np.pi)  # ends at rest, as the spline does
     path = write(tmp_path / name, time_s=time, z_m=sine.value(time), valve_V=time)
     signal = signals.signal_from_dict({"kind": "file", "path": str(path), "column": "z_m"})
     assert signal.value(time) == pytest.approx(sine.value(time), abs=1e-15)

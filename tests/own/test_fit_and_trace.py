@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 from hexsim import HexsimError
 from hexsim.cli import app
 from hexsim.own import effects, problem, simulate
+from hexsim.own import folder as own_folder
 from hexsim.own import run as own_run
 from hexsim.own import trace as own_trace
 from hexsim.own.declaration import ModelTables
-from hexsim.own.folder import load_simulated
 from hexsim.own.model import model_of
 from hexsim.signals.log import Log
 
@@ -82,7 +82,7 @@ def spilling(tmp_path_factory):
 
 def test_numbers_come_back_within_their_errors(clean):
     """Outlet and inlet of a tank that was simulated apart, within four of their errors, and these below 1 %; the rest is noise."""
-    folder = load_simulated(clean)
+    folder = own_folder.load_simulated(clean)
     fitted = problem.fit_own(problem.problem_of(folder.model, folder.fit, "here"))
     for name, truth in (("outlet", OUTLET), ("inlet", INLET)):
         error = fitted.errors[fitted.names.index(name)]
@@ -93,7 +93,7 @@ def test_numbers_come_back_within_their_errors(clean):
 
 def test_the_error_of_a_long_run_can_be_what_is_fitted(spilling):
     """fit_by = "error" leaves less of a model that is not quite right than the likelihood does, with honest errors either way."""
-    folder, left = load_simulated(spilling), {}
+    folder, left = own_folder.load_simulated(spilling), {}
     for how in ("likelihood", "error"):
         text = TANK.replace("steps = 1", f'steps = 1\nfit_by = "{how}"')
         model = model_of(
@@ -108,7 +108,7 @@ def test_the_error_of_a_long_run_can_be_what_is_fitted(spilling):
 
 def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
     """A tank that spills over 1.2 m names an overflow at this level, and the error on the third run falls to the noise."""
-    trace = own_trace.trace_own(load_simulated(spilling))
+    trace = own_trace.trace_own(own_folder.load_simulated(spilling))
     assert trace.steps[0].candidate.name == "overflow"
     top = next(name for name in trace.steps[0].fitted.names if name.startswith("top"))
     assert trace.steps[0].fitted.value(top) == pytest.approx(TOP, abs=0.03)
@@ -119,7 +119,7 @@ def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
 
 def test_nothing_is_named_where_nothing_lacks(clean):
     """On the tank as declared no effect of the library is named."""
-    trace = own_trace.trace_own(load_simulated(clean))
+    trace = own_trace.trace_own(own_folder.load_simulated(clean))
     assert trace.steps == []
     assert trace.verdict.startswith(("nothing", "unexplained"))
 
@@ -190,4 +190,4 @@ def test_a_run_without_its_input_is_refused(clean, tmp_path):
     """The sentence names the column and the columns that are there."""
     place = folder_of(tmp_path / "other", 0.0, TANK.replace("inlet * inflow", "inlet * pumped"))
     with pytest.raises(HexsimError, match="no column 'pumped'"):
-        load_simulated(place)
+        own_folder.load_simulated(place)

@@ -10,10 +10,9 @@ import pytest
 
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
-from hexsim.own import effects, stated
+from hexsim.own import effects, folder, stated
 from hexsim.own import trace as own_trace
 from hexsim.own.declaration import ModelTables
-from hexsim.own.folder import declared, load_simulated
 from hexsim.own.forms import forms
 from hexsim.own.trace_files import trace_simulated
 
@@ -67,7 +66,7 @@ def machine(place, steps: int = 2, **missing: float) -> own_trace.Simulated:
         run(seed, **dict.fromkeys(("place_damping", "play", "lag", "slip"), 0.0) | missing).write_csv(
             place / f"{name}.csv"
         )
-    return own_trace.Simulated(load_simulated(place))
+    return own_trace.Simulated(folder.load_simulated(place))
 
 
 @pytest.mark.timeout(300)
@@ -97,7 +96,7 @@ def test_damping_over_place_gets_its_formula(tmp_path):
     assert number["value"] == pytest.approx(4.0, abs=4 * number["standard_error"])
     with (tmp_path / "model.toml").open("a") as file:
         file.write((tmp_path / "out" / "effect.toml").read_text())
-    with_it = search(own_trace.Simulated(load_simulated(tmp_path)), most=1)
+    with_it = search(own_trace.Simulated(folder.load_simulated(tmp_path)), most=1)
     assert [step.title for step in with_it.steps] == ["x**2 * v in v"]
 
 
@@ -107,7 +106,9 @@ def test_formulas_have_the_unit_of_their_sum(tmp_path):
     units = '[states.x]\nunit = "m"\n', '[states.v]\nunit = "m/s"\n'
     text = DRIVE.replace("[states.x]\n", units[0]).replace("[states.v]\n", units[1])
     (tmp_path / "model.toml").write_text(text)
-    every = {form.title: form for form in forms(declared(tmp_path), ["command"], lambda what, name: effects.Sizes())}
+    every = {
+        form.title: form for form in forms(folder.declared(tmp_path), ["command"], lambda what, name: effects.Sizes())
+    }
     unit = lambda title: every[title].row.parameters["form_amount"].unit  # noqa: E731
     assert unit("x**2 * v in v") == "N/(m2 m/s)"
     assert unit("v * abs(v) in v") == "N/((m/s)2)"

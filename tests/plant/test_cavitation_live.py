@@ -6,8 +6,7 @@ from hexsim import load_scenario, web
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.simulation import live as live_machine
-from hexsim.simulation import run_warnings
-from hexsim.simulation.serve import Server
+from hexsim.simulation import run_warnings, serve
 
 PULL_N = 5e3  # tears the bench's piston from its oil
 
@@ -60,7 +59,7 @@ def test_the_page_says_it_as_it_closes():
 
 def test_serve_says_each_event_once():
     """Two pulls two seconds apart are two sentences in the status, the second one only once the run ends; none is said twice."""
-    with Server(load_machine("bench"), port=0) as server:
+    with serve.Server(load_machine("bench"), port=0) as server:
         pulled(server.plant, server.tick_s, server.tick, [0.1, 2.1], 2.5)
         assert server.cavitation.count == 1
         said = server.cavitation.since(0)

@@ -8,10 +8,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim import load_scenario
+from hexsim import Machine, load_scenario
 from hexsim.hydraulics import ports
 from hexsim.hydraulics.parameters import P
-from hexsim.machine import Machine, load_machine
+from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant, readout
 from hexsim.plant.states import A

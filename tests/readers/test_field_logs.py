@@ -13,8 +13,7 @@ import scipy.io
 
 from hexsim import HexsimError
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
-from hexsim.readers.files import logs_of_folder, raw_log
+from hexsim.readers import files, read_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 T = np.arange(1500) / 500.0
@@ -293,7 +292,7 @@ def test_topics_that_are_not_read_are_named(tmp_path):
     with pytest.raises(
         HexsimError, match=r"no signal of numbers\. Not read: topic /p is CDR with a ros2idl schema of a/msg/B"
     ):
-        raw_log(tmp_path / "log.mcap")
+        files.raw_log(tmp_path / "log.mcap")
 
 
 def test_notes_beside_logs_are_no_logs(tmp_path):
@@ -308,4 +307,4 @@ def test_notes_beside_logs_are_no_logs(tmp_path):
         (tmp_path / name).write_text(text)
     (tmp_path / "a.txt").write_text(HEAD + "\n" + "\n".join(rows()))
     pl.DataFrame({"Time": T, **TRUE}).write_parquet(tmp_path / "b.parquet")
-    assert [path.name for path in logs_of_folder(tmp_path)] == ["a.txt", "b.parquet"]
+    assert [path.name for path in files.logs_of_folder(tmp_path)] == ["a.txt", "b.parquet"]

@@ -23,8 +23,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from hexsim import HexsimError, readers
-from hexsim.readers import read_log
-from hexsim.readers.files import raw_log
+from hexsim.readers import files, read_log
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 FORMATS = ("tdms", "h5", "npz", "jsonl", "xlsx", "uff")
@@ -267,7 +266,7 @@ def test_damaged_files_are_a_sentence_or_a_log(tmp_path_factory, data, suffix):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path.write_bytes(content[: data.draw(st.integers(0, len(content)))] if data.draw(st.booleans()) else content)
     try:
-        raw = raw_log(path)
+        raw = files.raw_log(path)
     except HexsimError as error:
         assert "\n" not in str(error).strip()
     else:
@@ -279,7 +278,7 @@ def test_pickled_objects_are_never_read(tmp_path):
     np.savez(
         tmp_path / "run.npz", time_s=np.arange(5.0), position_m=np.arange(5.0), evil=np.array([print, {}], dtype=object)
     )
-    raw = raw_log(tmp_path / "run.npz")
+    raw = files.raw_log(tmp_path / "run.npz")
     assert {signal.name for signal in raw.signals} == {"time_s", "position_m"}
     assert "array evil holds objects" in raw.left_out[0]
 
@@ -359,7 +358,7 @@ def test_results_of_modelica_tools_by_name(tmp_path):
     log = read_log(tmp_path / "run.mat", readers.Mapping.model_validate({"kind": "bench", "columns": signals}))
     np.testing.assert_allclose(log.columns["position_m"], position[: log.n], atol=1e-9)
     np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], pressure[: log.n], rtol=1e-9)
-    found = {signal.name: signal.values for signal in raw_log(tmp_path / "run.mat").signals}
+    found = {signal.name: signal.values for signal in files.raw_log(tmp_path / "run.mat").signals}
     np.testing.assert_allclose(found["volume.minus_p"], -pressure)
     assert "mass.m" not in found
 

@@ -11,9 +11,9 @@ import pytest
 
 from hexsim import HexsimError, readers
 from hexsim.machine import load_machine
-from hexsim.own.folder import load_simulated
+from hexsim.own import folder as own_folder
 from hexsim.readers import read_log
-from hexsim.tracing.checks.checks import check_log
+from hexsim.tracing.checks import checks
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 CLEAN = DATA / "bench_none" / "fit.csv.gz"
@@ -281,7 +281,7 @@ def test_letters_behind_numbers_and_means_of_a_slow_test(tmp_path):
     (tmp_path / "model.toml").write_text(
         '[parameters]\ngain = { start = 1.0 }\n[outputs.q]\nformula = "gain * i"\n[simulation]\naverage_s = 0.5\n'
     )
-    own = load_simulated(tmp_path)
+    own = own_folder.load_simulated(tmp_path)
     assert own.fit[0].n == 80 and own.fit[0].rate == pytest.approx(2.0)
     np.testing.assert_allclose(own.fit[0].columns["q"], flow.reshape(80, 50).mean(axis=1), rtol=1e-5, atol=1e-2)
     noise = own.fit[0].columns["i"] - own.fit[0].columns["q"] / 2000.0
@@ -390,7 +390,7 @@ def test_mutated_files_never_fail_silently(tmp_path, count):
             outcome["refused"] += 1
             continue
         assert np.all(np.isfinite(values_seen(log))), seed
-        if log.losses or [finding for finding in check_log(log, machine) if finding.channel != "time_s"]:
+        if log.losses or [finding for finding in checks.check_log(log, machine) if finding.channel != "time_s"]:
             outcome["stated"] += 1
         elif len(values_seen(log)) == len(values_seen(original)) and np.array_equal(
             values_seen(log), values_seen(original)

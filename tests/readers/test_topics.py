@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from hexsim import HexsimError, readers
-from hexsim.readers import read_log
-from hexsim.readers.files import raw_log
+from hexsim.readers import files, read_log
 
 pytest.importorskip("mcap", reason="pip install hexsim[ros]")
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="pip install hexsim[ros]")
@@ -58,7 +57,7 @@ def bag(request, tmp_path):
 
 def test_fields_of_messages_are_signals_with_the_stamps_of_their_topic(bag):
     """Positions under the name of their joint, each topic on its own stamps: of the header, and of receipt 5 ms later."""
-    raw = raw_log(bag)
+    raw = files.raw_log(bag)
     position, turn = raw.one("joint_states.position.b", "b", bag), raw.one("angular_velocity.z", "turn", bag)
     assert raw.find("position_2") == [position]
     assert position.values == pytest.approx(np.cos(0.01 * np.arange(200)), abs=1e-12)
@@ -91,4 +90,4 @@ def test_damaged_files_are_a_sentence(tmp_path):
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(HexsimError, match=f"cannot read .*{name} as "):
-            raw_log(tmp_path / name)
+            files.raw_log(tmp_path / name)

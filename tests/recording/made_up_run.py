@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 
-from hexsim import load_scenario
-from hexsim.machine import Machine, geometry, machine_from_dict
+from hexsim import Machine, load_scenario
+from hexsim.machine import geometry, machine_from_dict
 from hexsim.signals.log import Log
 
 RATE_Hz = 1000.0

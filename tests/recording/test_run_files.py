@@ -12,7 +12,7 @@ from made_up_run import made_up_run
 from hexsim import HexsimError
 from hexsim.files import json_files, log_files
 from hexsim.machine import machine_from_dict
-from hexsim.recording.run_files import write_run
+from hexsim.recording import run_files
 from hexsim.scenarios import scenario_from_dict
 
 
@@ -40,7 +40,7 @@ def test_logs_that_cannot_be_read_are_named(tmp_path):
 
 def test_a_run_leaves_all_its_files(tmp_path):
     """Log, summary, configuration, recording, report and figures; and nothing temporary."""
-    written = write_run(made_up_run(duration_s=4.0), tmp_path)
+    written = run_files.write_run(made_up_run(duration_s=4.0), tmp_path)
     names = {str(path.relative_to(tmp_path)) for path in written}
     assert {"log.parquet", "summary.json", "config.toml", "run.rrd", "report.html"} <= names
     assert {
@@ -52,7 +52,7 @@ def test_a_run_leaves_all_its_files(tmp_path):
 def test_the_configuration_repeats_the_run(tmp_path):
     """config.toml holds the whole machine and scenario: made again from it they are equal, with seed and versions."""
     run = made_up_run(duration_s=4.0)
-    write_run(run, tmp_path, recording=False, report=False)
+    run_files.write_run(run, tmp_path, recording=False, report=False)
     config = tomllib.loads((tmp_path / "config.toml").read_text())
     assert machine_from_dict(config["machine"]) == run.machine
     assert scenario_from_dict(config["scenario"]) == run.scenario
@@ -72,8 +72,8 @@ def test_the_configuration_repeats_the_run(tmp_path):
 
 def test_a_partial_run_says_so_in_its_summary(tmp_path):
     """summary.json of a whole run has no such key, that of a partial one has it and the reason; its log can be read."""
-    write_run(made_up_run(duration_s=4.0), tmp_path / "whole", recording=False, report=False)
-    write_run(made_up_run(duration_s=4.0, complete=False), tmp_path / "cut", recording=False, report=False)
+    run_files.write_run(made_up_run(duration_s=4.0), tmp_path / "whole", recording=False, report=False)
+    run_files.write_run(made_up_run(duration_s=4.0, complete=False), tmp_path / "cut", recording=False, report=False)
     whole, cut = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("whole", "cut"))
     assert "partial" not in whole
     assert cut["partial"] is True and cut["reason"] == "interrupted at 3.0 s"
@@ -84,7 +84,7 @@ def test_a_run_of_a_few_samples_is_kept_without_plots(tmp_path):
     """Interrupted at once, a run still leaves log, summary and configuration."""
     run = made_up_run(duration_s=4.0, complete=False)
     run.log, run.summary = run.log.head(3), {**run.summary, "axes": {}}
-    names = {path.name for path in write_run(run, tmp_path)}
+    names = {path.name for path in run_files.write_run(run, tmp_path)}
     assert names == {"log.parquet", "summary.json", "config.toml"}
 
 

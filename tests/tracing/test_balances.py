@@ -12,13 +12,14 @@ from hexsim import readers
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.tracing import balances, rules
 from hexsim.tracing.balances import continuity
-from hexsim.tracing.fitting.parameters import named, with_settings
+from hexsim.tracing.fitting import parameters
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps import violations as violated
 from hexsim.tracing.steps.residuals import unexplained_residuals
-from hexsim.tracing.steps.violations import violations
 
 DATA = Path(__file__).parents[1] / "data"
 LAG = '''
@@ -65,10 +66,10 @@ def test_a_file_in_the_folder_is_a_balance_that_is_traced_and_reported(a_folder_
     monkeypatch.setattr(rules, "NULL_SEEDS", 2)
     machine = load_machine(DATA / "bench_none")
     log = read_log(readers.log_files(DATA / "bench_none", "fit")).head(4.0)
-    problem = SimulatedProblem(logs=(replace(log, name="fit"),), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(replace(log, name="fit"),), noise=channels.noise_of(machine, [log]))
     names = [balance.name for balance in balances.library()]
     assert names.index("sensor") < names.index("loop") < names.index("supply")
-    lines = violations(machine, machine, problem)
+    lines = violated.violations(machine, machine, problem)
     [line] = [line for line in lines if line.name == "loop"]
     assert (line.where, line.unit) == ("leg 1", "V")
     assert np.isfinite(line.violation)
@@ -99,7 +100,9 @@ def test_what_a_log_keeps_of_machines_asked_before_changes_no_residual(tmp_path)
     write_machine(tmp_path, 3, {}, "hexapod", runs=("fit",), duration_s=1.0)
     machine, log = load_machine(tmp_path), read_log(readers.log_files(tmp_path, "fit"))
     asked = [
-        with_settings(machine, {}, [(candidate, candidate.start() | {candidate.effect.parameters[0].name: size})])
+        parameters.with_settings(
+            machine, {}, [(candidate, candidate.start() | {candidate.effect.parameters[0].name: size})]
+        )
         for candidate, size in (
             *((named("leakage_supply_to_chamber", f"leg {k}"), 1e-12) for k in range(1, 7)),
             (named("supply_pressure_gain"), 0.02),

@@ -12,7 +12,7 @@ from hexsim import readers
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
 from hexsim.signals import table as signal_table
-from hexsim.tracing.checks.checks import check_log
+from hexsim.tracing.checks import checks
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "bring_your_own_machine.md"
@@ -53,7 +53,7 @@ def test_the_mapping_of_the_page_reads_a_foreign_log(my_machine):
     assert n == 10_000 - 4  # the late channel ends 4 samples early
     for name in ("position_m", "setpoint_m", "valve_V", "pressure_bottom_Pa", "acceleration_m_s2"):
         np.testing.assert_allclose(log.columns[name], raw[name].to_numpy()[:n], rtol=1e-9, atol=1e-9, err_msg=name)
-    assert check_log(log, load_machine(my_machine)) == []
+    assert checks.check_log(log, load_machine(my_machine)) == []
 
 
 def test_the_python_of_the_page_runs(my_machine, monkeypatch, capsys):

@@ -9,8 +9,7 @@ from hexsim.machine.files import changed
 from hexsim.signals import channels
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
-from hexsim.tracing.balances import controller
-from hexsim.tracing.balances.null import used
+from hexsim.tracing.balances import controller, null
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs, shapes
 
@@ -39,7 +38,7 @@ def test_the_loop_that_runs_is_read_off_a_log(bench, tmp_path, name):
     assert found.delay_ticks == pytest.approx(1.5 if name == "computing_delay" else 0.0, abs=0.02)
     assert controller.Loop().wants(log, bench)
     assert logs.feedback_of(bench, [log], channels.declared_noise(bench)) == 0
-    without, with_it = (float(np.std(used(log, controller.Loop().residual(log, one)))) for one in (bench, running))
+    without, with_it = (float(np.std(null.used(log, controller.Loop().residual(log, one)))) for one in (bench, running))
     assert with_it < 0.02 * without
     problem = SimulatedProblem(logs=(log,), noise=channels.declared_noise(bench))
     assert np.sqrt(np.mean(problem.residual(running, 0) ** 2)) < 1.2

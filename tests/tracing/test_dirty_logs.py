@@ -14,10 +14,10 @@ import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
 from hexsim.tracing.balances import balance_named
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.simulator import simulate_log
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps import logs
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
@@ -59,8 +59,8 @@ def test_filled_samples_weigh_nothing(machine, log):
     for one in (replace(log, repaired=repaired), replace(log, repaired=repaired, columns=columns)):
         own = {"acceleration_m_s2": one.columns["acceleration_m_s2"]}
         simulated = SimulatedProblem(logs=(replace(log, repaired=repaired, columns=log.columns | own),), noise=NOISE)
-        rows = BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
-        balance = BalanceProblem(logs=(one,), parts=(rows,)).residual(machine, 0)
+        rows = balance_problem.BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
+        balance = balance_problem.BalanceProblem(logs=(one,), parts=(rows,)).residual(machine, 0)
         found.append((simulated.residual(machine, 0), balance))
     np.testing.assert_array_equal(found[0][0][:, :], found[1][0])
     np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-9)
@@ -71,7 +71,7 @@ def test_filled_samples_weigh_nothing(machine, log):
 def test_a_gap_makes_two_runs_with_states_of_their_own(tmp_path):
     """300 rows missing: both stretches are fitted, each named by when it begins."""
     folder = folder_with("300 missing rows", tmp_path, names=("fit", "validate"))
-    state = begin(folder, ["fit"], ["validate"])
+    state = logs.begin(folder, ["fit"], ["validate"])
     longer, shorter = state.fit_problem.logs
     assert longer.name == "fit" and shorter.name == f"fit from {shorter.offset_s:.1f} s"
     assert longer.n + shorter.n == 19700

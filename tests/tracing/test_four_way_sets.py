@@ -12,13 +12,14 @@ import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals import channels
+from hexsim.tracing.balances import null
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.null import used
 from hexsim.tracing.design.motions import setpoint_log
-from hexsim.tracing.fitting.parameters import named, priors, with_settings
+from hexsim.tracing.fitting import parameters
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs as trace_logs
-from hexsim.tracing.steps.violations import lost_balances
+from hexsim.tracing.steps import violations
 
 servo_logs = pytest.mark.skipif(
     not (MEASURED / "servo_none").is_dir(), reason="no measured servo sets beside the repository"
@@ -60,7 +61,7 @@ def test_what_cannot_be_said_is_said(tmp_path, columns, lost):
     machine = load_machine(tmp_path)
     [log], _ = trace_logs.read_runs(tmp_path, ["fit"], machine)
     log = replace(log, **{column.removesuffix("_Pa"): None for column in columns})
-    found = lost_balances([log], machine)
+    found = violations.lost_balances([log], machine)
     said = " ".join(finding.description for finding in found)
     assert all(name in said for name in (*columns, *lost))
     assert bool(found) == bool(columns)
@@ -78,10 +79,10 @@ def test_a_pressure_difference_alone_gives_the_force_balance_of_equal_areas():
     difference = both.pressure - both.signal("pressure_top")
     alone = replace(both, pressure_bottom=None, pressure_top=None, pressure_difference=difference)
     assert Force().wants(alone, machine)
-    whole, part = (used(log, Force().residual(log, machine)) for log in (both, alone))
+    whole, part = (null.used(log, Force().residual(log, machine)) for log in (both, alone))
     assert np.std(whole) > 100.0
     assert np.std(part - whole) < 0.01 * np.std(whole)
-    [said] = lost_balances([alone], machine)
+    [said] = violations.lost_balances([alone], machine)
     assert "pressure_bottom_Pa" in said.description and "continuity" in said.description
     assert "force" not in said.description
     answer = replace(problem, logs=(alone,)).simulated(machine, 0)
@@ -95,9 +96,9 @@ def test_a_start_in_motion_leaves_no_drift(tmp_path):
     true = write_machine(tmp_path, 100, "cross_leak", duration_s=6.0)
     machine = load_machine(tmp_path)
     logs, _ = trace_logs.read_runs(tmp_path, ["sweep"], machine)
-    known = {prior: true[UNCERTAIN[prior.key][0]] / prior.declared - 1.0 for prior in priors(machine)}
+    known = {prior: true[UNCERTAIN[prior.key][0]] / prior.declared - 1.0 for prior in parameters.priors(machine)}
     leak = (named("leakage_across_piston"), {"conductance_m3_s_Pa": true["cross_leak"]})
     problem = SimulatedProblem(logs=tuple(logs), noise=channels.declared_noise(machine))
-    rest = problem.residual(with_settings(machine, known, [leak]), 0)[:4]
+    rest = problem.residual(parameters.with_settings(machine, known, [leak]), 0)[:4]
     means = 20.0 * rest[:, : rest.shape[1] // 400 * 400].reshape(4, -1, 400).mean(axis=2)
     assert np.abs(means).max() < 5.0

@@ -11,7 +11,7 @@ from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
-from hexsim.recording.run_files import write_essentials
+from hexsim.recording import run_files
 from hexsim.simulation import simulate
 from hexsim.tracing.friction import figure as friction_figures
 from hexsim.tracing.friction.identification import identify_friction
@@ -93,7 +93,7 @@ def test_legs_with_mass_do_not_look_like_friction(tmp_path, motion):
     machine = load_machine("micro_motion_system")
     run = simulate(machine, load_scenario(motion, duration_s=12.0))
     (tmp_path / "run").mkdir()
-    write_essentials(run, tmp_path / "run", "parquet")
+    run_files.write_essentials(run, tmp_path / "run", "parquet")
     result = identify_friction(read_log(tmp_path / "run"), load_machine(tmp_path / "run"), leg=2)
     for way in ("extend", "retract"):
         declared = getattr(machine.friction, f"coulomb_{way}_N")

@@ -7,15 +7,14 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.signals.log import Log
 from hexsim.tracing import held_out
+from hexsim.tracing.balances import null
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.null import used, with_noise
 from hexsim.tracing.design.motions import setpoint_log
-from hexsim.tracing.fitting import fit
-from hexsim.tracing.fitting.fit import start_fit
-from hexsim.tracing.fitting.parameters import named, priors
+from hexsim.tracing.fitting import fit, parameters
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs
 
@@ -56,9 +55,9 @@ def bench():
         "fade": "smooth",
     }
     tables |= {"axes": {"leg_1": MULTISINE}}
-    noise = noise_of(machine, [])
+    noise = channels.noise_of(machine, [])
     quiet = SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=noise).simulated(leaks, 0)
-    log = with_noise(quiet, noise, machine.sensors.position_resolution_m, np.random.default_rng(0))
+    log = null.with_noise(quiet, noise, machine.sensors.position_resolution_m, np.random.default_rng(0))
     return machine, leaks, SimulatedProblem(logs=(log,), noise=noise), quiet
 
 
@@ -68,7 +67,7 @@ def test_the_right_effect_passes_and_a_wrong_one_is_refused(bench):
     machine, leaks, problem, _ = bench
     assert held_out.growths(problem, machine, leaks) == []
     assert {own.channel for own in held_out.growths(problem, leaks, machine)} >= {"position_m", "pressure_bottom_Pa"}
-    base = start_fit(machine, priors(machine)[:1], problem)
+    base = fit.start_fit(machine, parameters.priors(machine)[:1], problem)
     right, wrong = named("leakage_supply_to_chamber"), named("leakage_chamber_to_tank")
     one = fit.answered(replace(base, candidates=(right,), values=(LEAK,)), problem)
     assert held_out.refused(one, base, problem) is None
@@ -90,11 +89,13 @@ def test_force_balance_from_the_position_shows_a_force(bench, extra_N):
     of_pushed, noisy = plain.simulated(pushed, 0), problem.logs[0]
     balance = Force()
     noise, own, lacking = (
-        used(log, balance.residual(replace(log, acceleration=None), leaks)[0]) for log in (noisy, quiet, of_pushed)
+        null.used(log, balance.residual(replace(log, acceleration=None), leaks)[0]) for log in (noisy, quiet, of_pushed)
     )
     assert balance.wants(replace(noisy, acceleration=None), machine)
     assert np.sqrt(np.mean((noise - own) ** 2)) < 3.0
-    complete = used(of_pushed, balance.residual(of_pushed, leaks)[0]) - used(quiet, balance.residual(quiet, leaks)[0])
+    complete = null.used(of_pushed, balance.residual(of_pushed, leaks)[0]) - null.used(
+        quiet, balance.residual(quiet, leaks)[0]
+    )
     assert abs(np.mean(lacking - own)) == pytest.approx(abs(extra_N), abs=0.5)
     assert np.mean(lacking - own) == pytest.approx(np.mean(complete), abs=0.5)
 

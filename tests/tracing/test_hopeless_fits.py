@@ -9,12 +9,11 @@ import pytest
 from hexsim import readers
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import fit as least_squares
-from hexsim.tracing.fitting import selection
-from hexsim.tracing.fitting.fit import start_fit
-from hexsim.tracing.fitting.parameters import named, priors
+from hexsim.tracing.fitting import parameters, selection
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.hypotheses import may_come_near
 
@@ -51,12 +50,14 @@ def test_a_share_of_the_run_counts_as_before():
 def opening() -> SimulatedProblem:
     """Four seconds of a bench that leaks."""
     log = read_log(readers.log_files(DATA, "fit")).head(4.0)
-    return SimulatedProblem(logs=(log,), noise=noise_of(load_machine(DATA), [log]))
+    return SimulatedProblem(logs=(log,), noise=channels.noise_of(load_machine(DATA), [log]))
 
 
 def hypothesis(name: str, problem: SimulatedProblem):
     machine = load_machine(DATA)
-    return least_squares.with_effects(start_fit(machine, priors(machine), problem), [named(name)], 0.5, problem)
+    return least_squares.with_effects(
+        least_squares.start_fit(machine, parameters.priors(machine), problem), [named(name)], 0.5, problem
+    )
 
 
 def worth(fit, promise: float) -> bool:

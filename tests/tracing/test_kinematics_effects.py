@@ -7,10 +7,10 @@ from other_plant import write_machine
 import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.scenarios import scenario_from_dict
 from hexsim.signals import channels
-from hexsim.simulation.faults import EffectFault
+from hexsim.tracing.balances import sensor
 from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.balances.sensor import Imu
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
@@ -30,8 +30,8 @@ CASES = {
     "platform_joint_offset": ({"z_m": 1e-3, "where": "leg 3"}, Platform),
     "leg_zero_offset": ({"length_m": 5e-4, "where": "leg 3"}, Platform),
     "gravity_direction": ({"about_x_rad": 2e-3}, Platform),
-    "imu_orientation": ({"y_rad": 0.0175}, Imu),
-    "imu_position": ({"x_m": 0.05, "z_m": 0.02}, Imu),
+    "imu_orientation": ({"y_rad": 0.0175}, sensor.Imu),
+    "imu_position": ({"x_m": 0.05, "z_m": 0.02}, sensor.Imu),
 }
 
 
@@ -60,9 +60,9 @@ def test_a_balance_holds_again_with_the_effect(hexapod, name):
 
 def test_how_a_machine_is_built_cannot_begin_in_a_run(hexapod):
     """A joint does not move at a time of a run: refused with a sentence that says where it belongs."""
-    fault = EffectFault(time_s=1.0, effect="leg_zero_offset", parameters={"length_m": 1e-3}, where="leg 2")
+    fault = {"kind": "effect", "time_s": 1.0, "effect": "leg_zero_offset", "parameters": {"length_m": 1e-3}}
     with pytest.raises(hx.HexsimError, match=r"leg_zero_offset is how the machine is built.*\[effects\]"):
-        fault.setting(hexapod, "fault:")
+        hx.run(scenario_from_dict(MOTION | {"faults": [fault | {"where": "leg 2"}]}), hexapod)
 
 
 @pytest.mark.slow

@@ -9,8 +9,7 @@ from rough_machines import draw
 
 from hexsim.tracing.fitting import lag_coordinates, parameters
 from hexsim.tracing.fitting.parameters import named
-from hexsim.tracing.steps import dominant, shapes, violations
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps import dominant, logs, shapes, violations
 
 SPOOL = named("spool_lag")
 LAGS = [(1, 2)]
@@ -78,7 +77,7 @@ def test_a_slow_spool_is_not_named_a_delay(tmp_path):
     """A rough bench, spool of 36.8 Hz: its refit stopped at 44.8 Hz in a narrow valley and a delay of 5.4 ms was named. Within 5 %."""
     effects, _ = draw(1614)
     write_machine(tmp_path, 1614, effects)
-    state = begin(tmp_path, ["fit", "sweep"], ["validate"])
+    state = logs.begin(tmp_path, ["fit", "sweep"], ["validate"])
     for step in (violations.STEP, shapes.STEP):
         state = step.run(state, lambda doing: None)
     [own] = (found := dominant.sure_effects(state, lambda doing: None)).named

@@ -14,17 +14,16 @@ from hexsim.hydraulics import learned
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.tracing import dependence, rules
 from hexsim.tracing.fitting import fit as least_squares
-from hexsim.tracing.fitting.fit import start_fit
-from hexsim.tracing.fitting.parameters import priors
+from hexsim.tracing.fitting import parameters
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import learned as learned_step
 from hexsim.tracing.steps import logs as trace_logs
+from hexsim.tracing.steps import violations as violated
 from hexsim.tracing.steps.held_out_errors import error_table
 from hexsim.tracing.steps.residuals import unexplained_residuals
-from hexsim.tracing.steps.violations import violations
 
 
 @pytest.fixture
@@ -34,7 +33,7 @@ def questions(tmp_path, monkeypatch, request):
     write_machine(tmp_path, 1, {getattr(request, "param", "discharge_of_pressure"): None}, "bench", duration_s=8.0)
     machine = load_machine(tmp_path)
     logs, _ = trace_logs.read_runs(Path(tmp_path), ["fit", "sweep", "validate"], machine)
-    noise = noise_of(machine, logs)
+    noise = channels.noise_of(machine, logs)
     return (
         machine,
         SimulatedProblem(logs=tuple(logs[:2]), noise=noise),
@@ -46,12 +45,15 @@ def test_a_gap_without_a_name(questions):
     """Only the flow balance is violated; its rest depends on the volts; the learned term halves the held-out error at
     least, brings the chamber pressure to 1.3 times the noise, and its machine file holds the curve."""
     machine, problem, held_out = questions
-    lines = violations(machine, machine, problem)
+    lines = violated.violations(machine, machine, problem)
     assert [line.name for line in lines if line.violated] == ["continuity"]
     rest = unexplained_residuals(lines, problem)[0]
     assert (rest.balance, rest.dependence.signal) == ("valve", "valve_V")
     base = least_squares.refine(
-        start_fit(machine, priors(machine), problem), problem, fresh=True, relative=rules.BASE_TOLERANCE
+        least_squares.start_fit(machine, parameters.priors(machine), problem),
+        problem,
+        fresh=True,
+        relative=rules.BASE_TOLERANCE,
     )
     found = learned_step.learned_fit(rest, base, problem, held_out)
     assert found is not None
@@ -79,10 +81,13 @@ def test_gaps_that_go_with_the_direction_or_times_the_velocity(questions, form, 
     of the last 0.4 s (a curve over the low-passed speed out, its opposite in): the learned term of that form
     leaves this share of the held-out position error at most."""
     machine, problem, held_out = questions
-    rest = unexplained_residuals(violations(machine, machine, problem), problem)[0]
+    rest = unexplained_residuals(violated.violations(machine, machine, problem), problem)[0]
     assert rest.dependence.form == form
     base = least_squares.refine(
-        start_fit(machine, priors(machine), problem), problem, fresh=True, relative=rules.BASE_TOLERANCE
+        least_squares.start_fit(machine, parameters.priors(machine), problem),
+        problem,
+        fresh=True,
+        relative=rules.BASE_TOLERANCE,
     )
     found = learned_step.learned_fit(rest, base, problem, held_out)
     assert found is not None and found[1]["curve"]["form"] == {"memory": "direction"}.get(form, form)

@@ -11,7 +11,6 @@ from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
 from hexsim.signals import channels
-from hexsim.signals.channels import noise_of
 from hexsim.simulation import simulate
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -159,7 +158,7 @@ def test_the_true_machine_answers_the_log(folder):
     width = truth["undeclared"].get("valve_hysteresis")
     effects = [(named("valve_hysteresis"), {"half_width_V": width})] if width else []
     log = read_log(DATA / folder / "validate.csv.gz")
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     misfit = problem.misfit([with_settings(machine, off, effects)])[0][0]
     assert np.sqrt(np.mean(misfit**2, axis=1)) == pytest.approx(1.0, abs=0.03)
 
@@ -189,7 +188,7 @@ def test_two_chambers_answer_the_log(folder):
     off = {p: true[keys[p.key]] / p.declared - 1 for p in priors(machine)}
     effects = [(named("leakage_across_piston"), {"conductance_m3_s_Pa": leak})] if leak else []
     log = read_log(source / "validate.csv.gz").head(6.0)
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     misfit = problem.misfit([with_settings(machine, off, effects)])[0][0]
     assert len(misfit) == 5
     assert np.sqrt(np.mean(misfit[1:] ** 2, axis=1)) == pytest.approx(1.0, abs=0.03)

@@ -10,15 +10,13 @@ from other_plant import driven, measured, write_machine
 
 from hexsim.tracing import state
 from hexsim.tracing.fitting import fit as least_squares
-from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import named
-from hexsim.tracing.steps import balance_search, shapes, ties, violations
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps import balance_search, logs, shapes, ties, violations
 
 LIMIT_m_s, SEED = 4.85e-3, 11
 
 
-def ended_with_a_lag(folder: Path, effects: dict[str, float]) -> tuple[state.Trace, Fit]:
+def ended_with_a_lag(folder: Path, effects: dict[str, float]) -> tuple[state.Trace, least_squares.Fit]:
     """The trace of a bench of the second plant whose search has ended with a spool lag, refined. A sine of 0.0495 m at 0.919 Hz:
     its fastest ticks take the limit, if there is one."""
     plant = write_machine(folder, SEED, effects, runs=("validate",), duration_s=8.0, suffix=".csv")
@@ -26,7 +24,7 @@ def ended_with_a_lag(folder: Path, effects: dict[str, float]) -> tuple[state.Tra
     setpoint = 0.5 * plant.legs["stroke"][0] + 0.0495 * np.sin(2 * np.pi * 0.919 * t)[:, None]
     log = measured(plant, driven(plant, setpoint), np.random.default_rng(SEED))
     pl.DataFrame(log).write_csv(folder / "sine.csv")
-    trace = begin(folder, ["sine"], ["validate"])
+    trace = logs.begin(folder, ["sine"], ["validate"])
     for step in (violations.STEP, shapes.STEP, balance_search.STEP):
         trace = step.run(trace, lambda doing: None)
     lag = {"frequency_Hz": 800.0, "damping": 1.0}

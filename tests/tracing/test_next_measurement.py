@@ -19,7 +19,7 @@ from hexsim.machine.files import changed
 from hexsim.motion_computer import host_limiter
 from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.design import believed as columns
@@ -29,12 +29,10 @@ from hexsim.tracing.design.ceiling import ceiling_of
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.fitting import fit as least_squares
-from hexsim.tracing.fitting import rest_evidence, rest_level
-from hexsim.tracing.fitting.fit import start_fit
-from hexsim.tracing.fitting.parameters import named, priors
+from hexsim.tracing.fitting import parameters, rest_evidence, rest_level
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps import dominant, shapes, violations
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps import dominant, logs, shapes, violations
 
 DATA = Path(__file__).parents[1] / "data"
 LEAK = 2.5e-12
@@ -44,7 +42,7 @@ LEAK = 2.5e-12
 def bench():
     machine = load_machine(DATA / "bench_leakage")
     log = read_log(DATA / "bench_leakage" / "validate.csv.gz").head(5.0)
-    return machine, log, SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+    return machine, log, SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +50,9 @@ def leaking(bench):
     """The declared bench with its leak, refitted to 5 s."""
     machine, _, problem = bench
     leak = named("leakage_supply_to_chamber")
-    start = least_squares.with_effects(start_fit(machine, priors(machine), problem), [leak], 0.5, problem)
+    start = least_squares.with_effects(
+        least_squares.start_fit(machine, parameters.priors(machine), problem), [leak], 0.5, problem
+    )
     return least_squares.refine(start, problem, steps=6)
 
 
@@ -182,7 +182,7 @@ def test_small_realities_are_not_asked_for(bench, leaking):
 def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     """For two hypotheses the file says which it separates and how far, and `hexsim run` can read it."""
     machine, _, problem = bench
-    base = least_squares.refine(start_fit(machine, leaking.priors, problem), problem, steps=3)
+    base = least_squares.refine(least_squares.start_fit(machine, leaking.priors, problem), problem, steps=3)
     rival = least_squares.refine(
         least_squares.with_effects(base, [named("dead_volume")], 0.3, problem), problem, steps=3
     )
@@ -229,7 +229,7 @@ def late(tmp_path_factory):
     folder = tmp_path_factory.mktemp("late")
     effects = {"valve_delay": 6.0, "scale_ripple": 4e-6, "friction_warm_up": 0.08, "worn_bore": 3e-13}
     write_machine(folder, 3, effects, runs=("fit", "validate"), duration_s=10.0)
-    trace = begin(folder, ["fit"], ["validate"])
+    trace = logs.begin(folder, ["fit"], ["validate"])
     for step in (violations.STEP, shapes.STEP, dominant.STEP):
         trace = step.run(trace, lambda doing: None)
     return trace
@@ -384,7 +384,7 @@ def test_what_a_load_separates_is_designed_with_it(bench):
     able = changed(machine, {"load.additional_mass_kg": 60.0})
     tilted = problem.simulated(changed(able, {"effects.incline.angle_rad": 0.3}), 0)
     seen = SimulatedProblem(logs=(tilted,), noise=problem.noise)
-    bare, force = start_fit(able, (), seen), 0.3**2 / 2 * machine.load.moving_mass_kg * 9.8
+    bare, force = least_squares.start_fit(able, (), seen), 0.3**2 / 2 * machine.load.moving_mass_kg * 9.8
     fits = [
         least_squares.refine(
             dataclasses.replace(least_squares.with_effects(bare, [named(name)], 0.5, seen), values=(values,)),
@@ -417,9 +417,9 @@ def test_a_load_is_said_of_a_log_that_is_there():
     """A load on a log that is not traced, and one that nobody has weighed, are one sentence each."""
     folder = DATA / "bench_leakage"
     with pytest.raises(HexsimError, match="log sweep is said to have a load on and is not traced"):
-        begin(folder, ["fit"], ["validate"], 60.0, ["sweep"])
+        logs.begin(folder, ["fit"], ["validate"], 60.0, ["sweep"])
     with pytest.raises(HexsimError, match="log fit has a load on: say what it weighs"):
-        begin(folder, ["fit"], ["validate"], None, ["fit"])
+        logs.begin(folder, ["fit"], ["validate"], None, ["fit"])
 
 
 @pytest.mark.slow

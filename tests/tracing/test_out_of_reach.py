@@ -8,13 +8,12 @@ import pytest
 from hexsim import HexsimError
 from hexsim.machine import load_machine, save_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.tracing.balances import library
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.fitting import fit, parameters, screening, selection
-from hexsim.tracing.fitting.fit import start_fit
-from hexsim.tracing.fitting.parameters import named, priors
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.fitting.parameters import named
+from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs as logs_step
 from hexsim.tracing.steps.experiments import separation
@@ -33,7 +32,7 @@ def heave_log(machine):
 
 
 def machine_noise(machine):
-    return noise_of(machine, [])
+    return channels.noise_of(machine, [])
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +45,17 @@ def hexapod():
         balance for balance in library() if balance.name in ("platform", "sensor") and balance.wants(log, machine)
     ]
     parts = [
-        BalanceRows(balance=one, sigma=np.ones(len(one.places(log))), rows=tuple(range(len(one.places(log)))))
+        balance_problem.BalanceRows(
+            balance=one, sigma=np.ones(len(one.places(log))), rows=tuple(range(len(one.places(log))))
+        )
         for one in balances
     ]
-    return machine, priors(machine), simulated, BalanceProblem(logs=(log,), parts=tuple(parts))
+    return (
+        machine,
+        parameters.priors(machine),
+        simulated,
+        balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts)),
+    )
 
 
 @pytest.mark.parametrize("kind", ["simulated", "balances"])
@@ -57,7 +63,7 @@ def test_joints_out_of_reach_are_an_infinite_misfit(hexapod, kind):
     """Evaluated, as a neighbour, as a column of a screening and as a start: infinite, no column, no rival; never an error."""
     machine, own, simulated, balances = hexapod
     problem = simulated if kind == "simulated" else balances
-    base = start_fit(machine, own[:2], problem)
+    base = fit.start_fit(machine, own[:2], problem)
     candidate = named("base_joint_offset", "leg 3")
     far = fit.answered(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
     assert np.isfinite(base.chi2) and far.chi2 == np.inf
@@ -80,7 +86,7 @@ def test_a_number_that_no_machine_may_have_is_an_infinite_misfit(hexapod):
     wide = parameters.Prior(
         key=machine.load.mass_key, dotted=f"load.{machine.load.mass_key}", declared=mass, half_width=150.0
     )
-    base = start_fit(machine, (wide,), simulated)
+    base = fit.start_fit(machine, (wide,), simulated)
     gone = replace(base, deviations=np.array([-2.0]))
     assert gone.built() is None and fit.answered(gone, simulated).chi2 == np.inf
     with pytest.raises((HexsimError, ValueError)):

@@ -13,7 +13,6 @@ from hexsim.signals import channels
 from hexsim.simulation import simulate
 from hexsim.tracing.simulation import rig as rigs
 from hexsim.tracing.steps import logs
-from hexsim.tracing.steps.logs import begin
 
 ERRORS = [  # of the second plant's log, whose loop reads the piston itself: its size, and hexsim's key with the same error
     ("position_gain", 0.005, "sensors.position_gain", 1.005),
@@ -33,7 +32,7 @@ def erring(request, tmp_path):
     """A first state of a trace, and the machine with all its true numbers."""
     name, size, key, value = request.param
     plant = write_machine(tmp_path, 3117, {name: size}, runs=("fit", "validate"), duration_s=8.0, suffix=".csv")
-    state = begin(tmp_path, ["fit"], ["validate"])
+    state = logs.begin(tmp_path, ["fit"], ["validate"])
     own = {dotted: float(plant.legs[field][0]) for dotted, field in TRUE.items()}
     rig = {"supply.pressure_Pa": "supply_pressure", "load.moving_mass_kg": "mass"}
     own |= {dotted: float(plant.rig[field][0]) for dotted, field in rig.items()}

@@ -9,13 +9,11 @@ from other_plant import write_machine
 import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.tracing.balances import continuity
+from hexsim.tracing.balances import continuity, sensor
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.sensor import Sensor
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps import dominant, shapes, violations
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps import dominant, logs, shapes, violations
 
 MOTION = {
     "name": "sine", "mode": "actuator", "duration_s": 4.0, "fade_s": 1.0,
@@ -35,7 +33,7 @@ RIPPLE = {"amplitude_m": 2e-5, "pitch_m": 2e-3, "phase_rad": 0.4}
         ("bench", "laminar_edge", {"reynolds": 15.0}, continuity.Continuity),
         ("servo_bench", "laminar_edge", {"reynolds": 15.0}, continuity.TopContinuity),
         ("bench", "friction_warm_up", WARMTH, Force),
-        ("bench", "position_ripple", RIPPLE, Sensor),
+        ("bench", "position_ripple", RIPPLE, sensor.Sensor),
         ("bench", "viscous_friction_drift", {"fading_1_s": 0.1}, Force),
     ],
 )
@@ -56,7 +54,7 @@ def test_place_and_pitch_are_read_off_the_logs(tmp_path):
     """A bench of the second plant, parameters off, 3 um of ripple of 1 mm and wear at 92 mm, 8 mm wide: the pitch within
     0.1 %, so that the wave keeps its phase over the stroke; the place within half a width, the width within a factor of 2."""
     write_machine(tmp_path, 5, {"scale_ripple": 3e-6, "worn_bore": 5e-13})
-    state = begin(tmp_path, ["fit", "sweep"], ["validate"])
+    state = logs.begin(tmp_path, ["fit", "sweep"], ["validate"])
     found = shapes.proposed_shapes(state.machine, state.fit_problem.logs)
     assert found["position_ripple"]["pitch_m"] == pytest.approx(1e-3, rel=1e-3)
     assert found["worn_bore"]["place_m"] == pytest.approx(0.092, abs=0.004)
@@ -68,7 +66,7 @@ def oil_that_warms(tmp_path_factory):
     """A bench of the second plant whose viscous friction falls by half in 20 s, in a straight line: its balances."""
     folder = tmp_path_factory.mktemp("oil")
     write_machine(folder, 407, {"oil_warms_up": 0.5})
-    state = begin(folder, ["fit", "sweep"], ["validate"])
+    state = logs.begin(folder, ["fit", "sweep"], ["validate"])
     for step in (violations.STEP, shapes.STEP):
         state = step.run(state, lambda doing: None)
     return state

@@ -12,7 +12,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.simulation import simulate
-from hexsim.tracing.balances.null import used
+from hexsim.tracing.balances import null
 from hexsim.tracing.balances.platform import Platform
 
 MACHINE = load_machine("micro_motion_system")
@@ -42,10 +42,10 @@ def test_the_balance_needs_no_accelerometer(log):
     balance = Platform()
     assert balance.measurable(bare, MACHINE) and IMU not in " ".join(bare.columns)
     rms = {
-        kind: np.sqrt(np.mean(used(own, balance.residual(own, HIDDEN)) ** 2, axis=1)) for kind, own in (("imu", log), ("bare", bare))
+        kind: np.sqrt(np.mean(null.used(own, balance.residual(own, HIDDEN)) ** 2, axis=1)) for kind, own in (("imu", log), ("bare", bare))
     }  # fmt: skip
     assert np.all(rms["bare"] < 2.0 * rms["imu"] + np.repeat([8.0, 1.0], 3))
-    found = [used(own, balance.residual(own, MACHINE))[2] for own in (log, bare)]
+    found = [null.used(own, balance.residual(own, MACHINE))[2] for own in (log, bare)]
     assert np.mean(found[1]) == pytest.approx(np.mean(found[0]), rel=0.02)
     assert np.mean(found[1]) == pytest.approx(MORE_KG * 9.8, rel=0.05)
     assert np.corrcoef(*found)[0, 1] > 0.99

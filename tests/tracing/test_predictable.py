@@ -12,7 +12,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.predictable import predicted
 from hexsim.tracing.report import content
 from hexsim.tracing.steps import declared_refit, noise_only
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps import logs as trace_logs
 
 DATA = Path(__file__).parents[1] / "data"
 RATE, N = 1000.0, 20000
@@ -85,7 +85,7 @@ def test_a_small_delay_of_a_channel_itself_is_not_told(delay_s, low, high):
 @pytest.mark.slow
 def test_nothing_missing_is_not_said_of_a_transducer_that_reads_another_pressure_too():
     """A measured bench stays quiet; 0.3 % of the chamber's pressure in the supply's reading, a quarter of its noise, is told."""
-    trace = begin(DATA / "bench_none", ["fit", "sweep"], ["validate"])
+    trace = trace_logs.begin(DATA / "bench_none", ["fit", "sweep"], ["validate"])
     trace = replace(declared_refit.STEP.run(trace, lambda doing: None), verdict="nothing missing")
     quiet = noise_only.hold_against_signals(trace, lambda doing: None)
     assert quiet.verdict == "nothing missing" and "follows no signal" in quiet.decided and not content.remarks(quiet)

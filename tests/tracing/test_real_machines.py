@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hexsim import HexsimError
+from hexsim.own import folder as own_folder
 from hexsim.own import run
-from hexsim.own.folder import load_simulated
+from hexsim.signals import weak_form
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
 from hexsim.tracing import term_regression
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -41,7 +41,7 @@ def made_up_run(seed: int, leak: float, noise: float = 1.0) -> term_regression.P
         "f": 300 * x + leak * 50 * z + noise * rng.standard_normal(len(t)),
     }
     log = Log(name=f"run{seed}", kind="own", time=t, rate=50.0, columns=columns)
-    return term_regression.Point(log=log, window=Window(50.0, 0.2))
+    return term_regression.Point(log=log, window=weak_form.Window(50.0, 0.2))
 
 
 BALANCE = term_regression.OwnBalance(
@@ -93,11 +93,13 @@ def test_a_late_channel_is_moved_part_by_part():
     t = np.arange(8000) * 0.02
     signal = np.sin(2 * np.pi * 0.2 * t) + 0.5 * np.sin(2 * np.pi * 0.33 * t)
     late = np.where(t < t[4000], 0.12, 0.20)
-    delay = term_regression.late_by(Window(50.0, 0.1), "late", np.interp(t - late, t, signal), signal)
+    delay = term_regression.late_by(weak_form.Window(50.0, 0.1), "late", np.interp(t - late, t, signal), signal)
     np.testing.assert_allclose(delay[[1000, 3000]], 0.12, atol=5e-3)
     np.testing.assert_allclose(delay[[5000, 7000]], 0.20, atol=5e-3)
     with pytest.raises(HexsimError, match="does not follow"):
-        term_regression.late_by(Window(50.0, 0.1), "late", np.random.default_rng(0).standard_normal(8000), signal)
+        term_regression.late_by(
+            weak_form.Window(50.0, 0.1), "late", np.random.default_rng(0).standard_normal(8000), signal
+        )
 
 
 def test_two_runs_are_too_few():
@@ -178,7 +180,7 @@ def test_servo_valve():
 ])  # fmt: skip
 def test_servo_valve_by_its_folder(tmp_path, test, name, value, within):
     """Numbers of the valve's tests from declared folders, by means over its current's noise: each is as stated with the data."""
-    own = run.run_folder_of(load_simulated(valve_folder(tmp_path, test)), None)
+    own = run.run_folder_of(own_folder.load_simulated(valve_folder(tmp_path, test)), None)
     assert own["numbers"][name]["value"] == pytest.approx(value, abs=within)
 
 

@@ -12,23 +12,20 @@ from other_plant import write_machine
 from rough_machines import draw
 
 from hexsim.machine import load_machine
+from hexsim.signals import weak_form
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance as points
-from hexsim.tracing.balances import continuity
+from hexsim.tracing.balances import continuity, null
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, rest_evidence, rest_level, rest_priors
-from hexsim.tracing.fitting.fit import Fit, start_fit
-from hexsim.tracing.fitting.parameters import named, with_settings
+from hexsim.tracing.fitting.parameters import named
+from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems import problem as problems
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
-from hexsim.tracing.steps import dominant, shapes, violations
+from hexsim.tracing.steps import dominant, logs, shapes, violations
 from hexsim.tracing.steps.balance_search import with_fast_rows
-from hexsim.tracing.steps.logs import begin
 
 DATA = Path(__file__).parents[1] / "data"
 ROUGH = {
@@ -41,7 +38,7 @@ ROUGH = {
 
 
 def violated(folder, names=("fit", "sweep"), held_out=("validate",)):
-    trace = begin(folder, names, held_out)
+    trace = logs.begin(folder, names, held_out)
     for step in (violations.STEP, shapes.STEP):
         trace = step.run(trace, lambda doing: None)
     return trace
@@ -49,7 +46,7 @@ def violated(folder, names=("fit", "sweep"), held_out=("validate",)):
 
 def test_accelerometer_of_a_clean_bench_has_no_slope_against_the_second_derivative_of_position():
     """Samples miss 4 % of an acceleration that bends between ticks; with what they miss the slope is below 0.5 %."""
-    trace = begin(DATA / "bench_none", ["fit"], ["validate"])
+    trace = logs.begin(DATA / "bench_none", ["fit"], ["validate"])
     point = points.sensed_leg(trace.fit_problem.logs[0], points.resolved_machine(trace.machine), 0)
     kept = slice(500, -500)
     rest, a = point.disagreement()[kept], point.window.mean(point.acceleration)[kept]
@@ -75,7 +72,7 @@ def test_a_small_reality_costs_as_much_at_its_reach_as_a_declared_parameter_at_i
     """3 each, of either sign, at infinity too: else what a small one can do of a large effect is taken off its number."""
     small = tuple(rest_level.ordinary_effects(parameters.candidates(load_machine(DATA / "bench_none"))))
     values = tuple(c.start() | {c.effect.parameters[0].name: 0.0} for c in small)
-    bare = Fit(
+    bare = least_squares.Fit(
         machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(*small, named("spring")),
         values=(*values, {"stiffness_N_m": 0.0}), chi2=0.0, n=0, misfit=[],
     )  # fmt: skip
@@ -96,7 +93,7 @@ def test_friction_that_fades_does_so_from_a_declared_value_of_a_cold_or_of_a_war
         if "warm_up" in c.label
     ]
     for cold, cost in ((warm.start()["declared_cold"], 0.0), (0.0, 3.0), (1.0, 3.0)):
-        fit = Fit(
+        fit = least_squares.Fit(
             machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(warm,),
             values=({"share_at_start": 0.0, "declared_cold": cold},), chi2=0.0, n=0, misfit=[],
         )  # fmt: skip
@@ -121,18 +118,18 @@ def test_a_pressure_gain_is_no_offset_where_friction_fades_from_a_value_near_its
 
 def soft_bench(compliance):
     """(declared machine, that with a hose, a problem whose log is the simulated run of the second with noise)."""
-    problem = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem
+    problem = logs.begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem
     declared = load_machine(DATA / "bench_none")
-    soft = with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": compliance})])
+    soft = parameters.with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": compliance})])
     resolution = declared.sensors.position_resolution_m
-    log = with_noise(problem.simulated(soft, 0), problem.noise, resolution, np.random.default_rng(3))
+    log = null.with_noise(problem.simulated(soft, 0), problem.noise, resolution, np.random.default_rng(3))
     return declared, soft, replace(problem, logs=(log,))
 
 
 def test_a_soft_chamber_stands_out_of_the_fast_continuity():
     """A hose of 5e-14 m3/Pa: mean square above the noise three times that of the slow part; with the hose it is noise."""
     declared, soft, problem = soft_bench(5e-14)
-    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    joint = with_fast_rows(balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared)
     stiff, right = (float(rest_level.row_sizes([joint.residual(machine, 0)])[0]) for machine in (declared, soft))
     assert stiff > 1.5 and right == pytest.approx(1.0, abs=0.08)
     slow = [continuity.Continuity().residual(problem.logs[0], machine)[0, 500:-100] for machine in (declared, soft)]
@@ -142,10 +139,10 @@ def test_a_soft_chamber_stands_out_of_the_fast_continuity():
 def test_noise_of_the_pressure_does_not_ask_for_a_stiffer_chamber():
     """Undivided the fast residual of noise alone grows with the chamber's capacity; over what noise makes of it, it does not."""
     declared, _, problem = soft_bench(0.0)
-    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    joint = with_fast_rows(balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared)
     [fast] = [part.balance for part in joint.parts]
     quiet = problem.simulated(declared, 0)
-    softer = with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": 1e-13})])
+    softer = parameters.with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": 1e-13})])
 
     def noise(balance, machine):
         return float(
@@ -158,16 +155,16 @@ def test_noise_of_the_pressure_does_not_ask_for_a_stiffer_chamber():
 
 def test_a_flow_without_bound_leaves_no_number_and_no_warning():
     machine = load_machine(DATA / "bench_none")
-    log = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
+    log = logs.begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
     resolved = points.resolved_machine(machine)
     point = points.measured_point(log, machine, resolved, 0)
-    left = continuity.fast_residual_of(resolved.rows[0], point, np.full(log.n, np.inf), Window(log.rate))
+    left = continuity.fast_residual_of(resolved.rows[0], point, np.full(log.n, np.inf), weak_form.Window(log.rate))
     assert np.all(np.isnan(left))
 
 
 def test_a_hexapod_and_a_slow_log_have_no_fast_continuity():
     machine = load_machine(DATA / "bench_none")
-    log = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
+    log = logs.begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
     assert continuity.FastContinuity().wants(log, machine)
     assert not continuity.FastContinuity().wants(replace(log, rate=200.0), machine)
     assert not continuity.FastContinuity().wants(log, load_machine("micro_motion_system"))
@@ -175,8 +172,10 @@ def test_a_hexapod_and_a_slow_log_have_no_fast_continuity():
 
 def test_a_row_whose_rest_is_new_five_times_as_often_counts_five_times():
     log = Log(name="fit", kind="bench", time=np.arange(1000) * 1e-2, rate=100.0, position=np.zeros((1, 1000)))
-    slow = BalanceRows(balance=continuity.Continuity(), sigma=np.ones(1), rows=(0,))
-    problem = BalanceProblem(logs=(log,), parts=(slow, replace(slow, rest_time_s=rules.REST_TIME_S / 5.0)))
+    slow = balance_problem.BalanceRows(balance=continuity.Continuity(), sigma=np.ones(1), rows=(0,))
+    problem = balance_problem.BalanceProblem(
+        logs=(log,), parts=(slow, replace(slow, rest_time_s=rules.REST_TIME_S / 5.0))
+    )
     assert rest_level.row_counts(problem) == pytest.approx([1.0, 5.0])
     assert rest_level.row_counts(problem.slow_alone()) == pytest.approx([1.0, 0.0])
     plain = replace(problem, parts=(slow,))
@@ -195,7 +194,7 @@ def test_an_effect_in_one_leg_is_told_with_what_all_legs_share_of_it():
         {own.effect.parameters[0].name: size}
         for own, size in ((shared, 0.2e-12), (slow, 200.0), (leak, 1.3e-12), (spool, 30.0))
     )
-    fit = Fit(
+    fit = least_squares.Fit(
         machine=machine, priors=(), deviations=np.zeros(0), candidates=(shared, slow, leak, spool), values=values,
         chi2=0.0, n=0, misfit=[],
     )  # fmt: skip
@@ -245,7 +244,7 @@ def test_a_rival_that_leaves_less_held_out_is_tied_by_a_wider_margin(monkeypatch
 def test_another_leg_is_no_witness_of_harm():
     """A pressure's gain in leg 1 mends its continuity; what all legs share shifts, and leg 4 has 7 % more: no harm of its own."""
     falls, own = np.array([1.6, 0.0, 0.0, -0.04]), [0]
-    problem = BalanceProblem(logs=(), parts=())
+    problem = balance_problem.BalanceProblem(logs=(), parts=())
     assert rest_evidence.harm_of(falls, problem, own) == 0.0
     assert rest_evidence.harm_of(falls, problem) == pytest.approx(np.exp(0.08) - 1.0)
 
@@ -263,10 +262,10 @@ def test_a_fast_row_is_no_other_residual_than_its_slow_one():
     """A delay that mends the fast part and leaves a little more in the slow one harms nothing; in the force it does."""
     log = Log(name="fit", kind="bench", time=np.arange(9) * 1e-3, rate=1e3, position=np.zeros((1, 9)))
     parts = [
-        BalanceRows(balance=own, sigma=np.ones(1), rows=(0,))
+        balance_problem.BalanceRows(balance=own, sigma=np.ones(1), rows=(0,))
         for own in (continuity.Continuity(), Force(), continuity.FastContinuity())
     ]
-    problem = BalanceProblem(logs=(log,), parts=tuple(parts))
+    problem = balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts))
     assert rest_evidence.harm_of(np.array([-0.1, 0.0, 1.8]), problem) == pytest.approx(0.0)
     assert rest_evidence.harm_of(np.array([0.0, -0.1, 1.8]), problem) == pytest.approx(np.exp(0.2) - 1.0)
 
@@ -319,8 +318,8 @@ def test_a_spool_that_the_base_took_for_the_effect_is_given_back():
     """Without the small spool, else where it stood; nothing to give back where there is none."""
     declared, _, problem = soft_bench(0.0)
     [spool] = [c for c in rest_level.ordinary_effects(parameters.candidates(declared)) if c.effect.name == "spool_lag"]
-    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
-    bare = start_fit(declared, (), joint)
+    joint = with_fast_rows(balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    bare = least_squares.start_fit(declared, (), joint)
     fit = replace(bare, candidates=(spool, named("valve_delay")), values=({"frequency_Hz": 120.0}, {"delay_s": 1e-3}))
     lagging = rest_level.RestFit(fit=least_squares.answered(fit, joint), columns=[], cost=0.0)
     without = rest_level.without_lag(lagging, joint)
@@ -369,10 +368,10 @@ def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod():
     positions = np.zeros((6, 2))
     log = Log(name="fit", kind="hexapod", time=np.arange(2) * 1e-3, rate=1e3, position=positions)
     parts = [
-        BalanceRows(balance=own, sigma=np.ones(6), rows=tuple(range(6)))
+        balance_problem.BalanceRows(balance=own, sigma=np.ones(6), rows=tuple(range(6)))
         for own in (continuity.Continuity(), Platform())
     ]
-    problem = BalanceProblem(logs=(log,), parts=tuple(parts))
+    problem = balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts))
     assert rest_evidence.own_rows(named("leakage_supply_to_chamber", "leg 3"), problem) == [2]
     assert rest_evidence.own_rows(named("valve_hysteresis"), problem) == [0, 1, 2, 3, 4, 5]
     for name in ("coulomb_friction_change", "pressure_dependent_friction", "spring"):
@@ -413,7 +412,7 @@ def test_a_legs_own_null_offset_takes_nothing_from_the_leak_in_it():
     machine = load_machine("micro_motion_system")
     small = [c for c in rest_level.ordinary_effects(parameters.candidates(machine)) if c.effect.name == "null_offset"]
     leak = named("leakage_chamber_to_tank", "leg 3")
-    bare = start_fit(machine, (), problem)
+    bare = least_squares.start_fit(machine, (), problem)
     begun = least_squares.with_effects(least_squares.with_effects(bare, small, 0.0, problem), [leak], 1.0, problem)
     shared = rest_level.refined(begun, problem)
     own = dominant.beside_its_own(shared, ["leg 3"], small, problem)

@@ -10,14 +10,12 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.signals import channels
-from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, screening, selection
-from hexsim.tracing.fitting.fit import start_fit
-from hexsim.tracing.fitting.parameters import named, priors
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.fitting.parameters import named
+from hexsim.tracing.problems import balance
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation import start as starts
 from hexsim.tracing.steps import ties
@@ -36,11 +34,11 @@ def bench():
 def test_more_oil_can_stand_for_a_softer_hose(bench):
     """V/E + C_hose: a dead volume E C_hose is the same capacity, so it stands for a hose, with that size; a mass does not."""
     machine, log = bench
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     soft = changed(machine, {"effects.hose_compliance.compliance_m3_Pa": 3e-14})
     problem = SimulatedProblem(logs=(problem.simulated(soft, 0),), noise=problem.noise)
     fit = least_squares.with_effects(
-        start_fit(machine, priors(machine), problem), [named("hose_compliance")], 0.6, problem
+        least_squares.start_fit(machine, parameters.priors(machine), problem), [named("hose_compliance")], 0.6, problem
     )
     fit = dataclasses.replace(fit, values=({"compliance_m3_Pa": 3e-14},))
     found = {
@@ -60,7 +58,7 @@ def test_what_no_simulation_can_know(bench, monkeypatch):
     for what friction bends of it (a fifth)."""
     machine, log = bench
     monkeypatch.setattr(rules, "INPUT_SHARE", 0.1)
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     plain, wide = problem.sigma(0), problem.with_input_uncertainty(machine).sigma(0)
     assert np.all(wide >= plain)
     assert np.all(wide[problem.channels(0).index("acceleration_m_s2")] > plain[-1])  # every difference moves the load
@@ -75,7 +73,7 @@ def test_oil_that_rings_as_a_log_begins_has_any_phase(bench):
     """20 kPa at 120 Hz from the first sample on: they widen what the pressure may be off by to half of them at least in the
     first 20 ms, and by nothing after five seconds, as the model's oil comes to rest. Noise alone does not ring."""
     machine, log = bench
-    noise = noise_of(machine, [log])
+    noise = channels.noise_of(machine, [log])
     ringing = dataclasses.replace(
         log, pressure=log.pressure + 2e4 * np.sin(2 * np.pi * 120.0 * (log.time - log.time[0]))
     )
@@ -97,7 +95,7 @@ def test_coarser_volts_are_known_less(bench):
     spreads = []
     for resolution in (3e-4, 3e-3):
         rounded = dataclasses.replace(log, volts=resolution * np.round(log.volts / resolution))
-        problem = SimulatedProblem(logs=(rounded,), noise=noise_of(machine, [log]), feedback=1)
+        problem = SimulatedProblem(logs=(rounded,), noise=channels.noise_of(machine, [log]), feedback=1)
         k = problem.channels(0).index("acceleration_m_s2")
         driven = problem.with_input_uncertainty(machine).input_uncertainty[0][k]
         spreads.append(np.sqrt(np.mean(driven[problem.settle(0) :] ** 2)))
@@ -127,12 +125,14 @@ def test_a_hose_and_a_dead_volume_are_one_term(bench):
     the same; with air in the oil, E depends on the pressure and they are two. A leak is not the same term."""
     machine, log = bench
     sigma, possible = np.ones(1), parameters.candidates(machine)
-    part = BalanceRows(balance=balance_named("continuity", machine), sigma=sigma, rows=(0,))
+    part = balance.BalanceRows(balance=balance_named("continuity", machine), sigma=sigma, rows=(0,))
     for air, expected in ((0.0, {"dead_volume"}), (0.01, set())):
         aired = changed(machine, {"effects.entrained_air.volume_fraction": air})
-        problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
-        balances = BalanceProblem(logs=(log,), parts=(part,))
-        fit = least_squares.with_effects(start_fit(aired, (), problem), [named("hose_compliance")], 0.6, problem)
+        problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
+        balances = balance.BalanceProblem(logs=(log,), parts=(part,))
+        fit = least_squares.with_effects(
+            least_squares.start_fit(aired, (), problem), [named("hose_compliance")], 0.6, problem
+        )
         found = ties.same_terms(fit, 0, possible, balances, problem)
         assert set(found) == expected
         for rival in found.values():
@@ -145,10 +145,12 @@ def test_a_hose_reads_as_a_dead_volume_with_the_error_of_the_oil(bench):
     """V = C E: 1 % of C and 2 % of E, of which each may be wrong alone, are sqrt(5) % of V; wrong together
     in opposite directions, 1 %. Columns are finite differences: 1 %."""
     machine, log = bench
-    part = BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
-    balances = BalanceProblem(logs=(log,), parts=(part,))
-    known = tuple(own for own in priors(machine) if "bulk_modulus" in own.key)
-    fit = least_squares.with_effects(start_fit(machine, known, balances), [named("hose_compliance")], 0.6, balances)
+    part = balance.BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
+    balances = balance.BalanceProblem(logs=(log,), parts=(part,))
+    known = tuple(own for own in parameters.priors(machine) if "bulk_modulus" in own.key)
+    fit = least_squares.with_effects(
+        least_squares.start_fit(machine, known, balances), [named("hose_compliance")], 0.6, balances
+    )
     hose, oil = fit.values[0]["compliance_m3_Pa"], machine.oil.bulk_modulus_Pa
     in_C, in_E = 0.01 * parameters.to_coordinate(fit.candidates[0].free()[0], hose), 0.02 / known[0].half_width
     for together, expected in ((0.0, np.sqrt(5.0)), (-1.0, 1.0)):
@@ -162,11 +164,13 @@ def test_a_hose_reads_as_a_dead_volume_with_the_error_of_the_oil(bench):
 def test_an_incline_stands_for_a_force_of_its_sign_only(bench, force_N, expected):
     """m g (1 - cos) is a constant force that lifts: of one that pulls an incline is no other name (it was one, at 0 rad)."""
     machine, log = bench
-    part = BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
-    fit = least_squares.with_effects(start_fit(machine, (), problem), [named("constant_force")], 0.1, problem)
+    part = balance.BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
+    fit = least_squares.with_effects(
+        least_squares.start_fit(machine, (), problem), [named("constant_force")], 0.1, problem
+    )
     fit = dataclasses.replace(fit, values=({"force_N": force_N},))
-    balances = BalanceProblem(logs=(log,), parts=(part,))
+    balances = balance.BalanceProblem(logs=(log,), parts=(part,))
     found = ties.same_terms(fit, 0, [named("incline"), named("mass_change")], balances, problem)
     assert set(found) == expected
 
@@ -177,10 +181,10 @@ def test_a_pump_limit_that_no_motion_takes_is_the_line_alone(bench, flow_max_m3_
     At 1e-5 m3/s it starves the bench."""
     machine, log = bench
     starved = changed(machine, {"effects.pump_flow_limit.flow_max_m3_s": flow_max_m3_s})
-    problem = SimulatedProblem(logs=(log.head(2.0),), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(log.head(2.0),), noise=channels.noise_of(machine, [log]))
     problem = SimulatedProblem(logs=(problem.simulated(starved, 0),), noise=problem.noise)
     fit = least_squares.with_effects(
-        start_fit(machine, (), problem), [named("pump_flow_limit")], 1e-4 / flow_max_m3_s, problem
+        least_squares.start_fit(machine, (), problem), [named("pump_flow_limit")], 1e-4 / flow_max_m3_s, problem
     )
     assert selection.inert(fit, problem) == nothing
 
@@ -218,9 +222,11 @@ def test_only_what_the_balances_leave_open_is_tried_as_a_tie(bench):
     """In the continuity a hose and a dead volume do the same, a null offset does not; what the balance does not show (a mass)
     may be a tie, and for an effect that it does not show so may all. Nor does a mass reach a misfit that is all continuity."""
     machine, log = bench
-    part = BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
-    problem = BalanceProblem(logs=(log,), parts=(part,))
-    fit = least_squares.parameter_columns(start_fit(machine, priors(machine), problem), problem)
+    part = balance.BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
+    problem = balance.BalanceProblem(logs=(log,), parts=(part,))
+    fit = least_squares.parameter_columns(
+        least_squares.start_fit(machine, parameters.priors(machine), problem), problem
+    )
     possible = [named(name) for name in ("hose_compliance", "dead_volume", "null_offset", "mass_change")]
     lines = screening.screen(fit, possible, problem)
     assert ties.alike_in_balances(possible[0], possible, lines) == [possible[0], possible[1], possible[3]]

@@ -12,9 +12,9 @@ from hexsim.tracing.balances import continuity
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.fitting import rest_evidence
 from hexsim.tracing.fitting.parameters import named
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.problems import balance
 from hexsim.tracing.steps import dominant, shapes, violations
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps import logs as trace_logs
 
 HUM_HZ, SAMPLES = 37.0, 1000
 BALANCES = (continuity.Continuity(), Force(), continuity.FastContinuity())
@@ -30,8 +30,8 @@ def with_line(amplitudes, values=TONE, line_Hz=HUM_HZ):
     line = np.sin(2 * np.pi * line_Hz * t + 1.0)
     misfit = [random.standard_normal((3, SAMPLES)) + np.outer(run, line) for run in amplitudes]
     logs = [Log(name=name, kind="bench", time=t, rate=100.0, position=np.zeros((1, SAMPLES))) for name in "ab"]
-    parts = tuple(BalanceRows(balance=own, sigma=np.ones(1), rows=(0,)) for own in BALANCES)
-    problem = BalanceProblem(logs=tuple(logs), parts=parts)
+    parts = tuple(balance.BalanceRows(balance=own, sigma=np.ones(1), rows=(0,)) for own in BALANCES)
+    problem = balance.BalanceProblem(logs=tuple(logs), parts=parts)
     return replace(
         SURE, line=rest_evidence.line_in_continuity(SimpleNamespace(values=({}, values), misfit=misfit), problem)
     )
@@ -66,7 +66,7 @@ def test_a_payload_that_swings_is_no_tone():
 def test_a_hum_of_the_pressure_is_named_nothing_and_an_outside_force_is_named(tmp_path, injected, found):
     """Benches of the second plant, its parameters off. The hum of 37 Hz was named an outside force of 75 N."""
     write_machine(tmp_path, 407 if not found else 406, injected)
-    state = begin(tmp_path, ["fit", "sweep"], ["validate"])
+    state = trace_logs.begin(tmp_path, ["fit", "sweep"], ["validate"])
     for step in (violations.STEP, shapes.STEP):
         state = step.run(state, lambda doing: None)
     assert [own.candidate.effect.name for own in dominant.sure_effects(state, lambda doing: None).named] == found

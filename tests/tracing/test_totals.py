@@ -10,10 +10,10 @@ from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.tracing import state
 from hexsim.tracing.design import words
+from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters
-from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.fitted_numbers import totals_of
-from hexsim.tracing.fitting.parameters import named, priors, with_settings
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.report import content, readings
 from hexsim.tracing.report import tables as report_tables
 
@@ -22,22 +22,22 @@ VISCOUS = named("viscous_friction_change")
 ADDING = [effect for effect in library().values() if effect.parameters and effect.parameters[0].adds_to]
 
 
-def fitted(own: parameters.Candidate, sd: float, correlation: float) -> Fit:
+def fitted(own: parameters.Candidate, sd: float, correlation: float) -> least_squares.Fit:
     """The bench with 177 N s/m more than declared in both directions. sd: of each declared friction, in half widths of 12 %; the
     effect's error is that of the mean of both, and each sum is off by what the correlation leaves."""
     machine = load_machine(BENCH)
-    own_priors = tuple(prior for prior in priors(machine) if prior.key.startswith("viscous"))
+    own_priors = tuple(prior for prior in parameters.priors(machine) if prior.key.startswith("viscous"))
     slopes = np.array([*(prior.half_width * prior.declared for prior in own_priors), 800.0])
     values = np.array([264.0, 216.0, 240.0]) * sd  # errors of the three numbers [N s/m]
     matrix = np.array([[1.0, 0.0, correlation], [0.0, 1.0, correlation], [correlation, correlation, 1.0]])
-    return Fit(
+    return least_squares.Fit(
         machine=machine, priors=own_priors, deviations=np.zeros(2), candidates=(own,),
         values=({"viscous_N_s_m": 177.0},), chi2=0.0, n=0, misfit=[],
         covariance=matrix * (values / slopes) * (values / slopes)[:, None],
     )  # fmt: skip
 
 
-def effect_of(fit: Fit) -> state.NamedEffect:
+def effect_of(fit: least_squares.Fit) -> state.NamedEffect:
     return state.NamedEffect(
         candidate=fit.candidates[0], values=fit.values[0], standard_errors=fit.standard_errors()[0], tied_with=(),
         gain_cv=0.5, blocks=4, d_bic=-10.0, single_leg=True,
@@ -86,7 +86,7 @@ def test_a_design_says_the_sum_that_is_known() -> None:
 def test_a_second_effect_of_the_name_has_no_sum_of_its_own() -> None:
     """All legs and one leg besides: in that leg three numbers add up, and none of the two effects makes the sum alone."""
     fit = fitted(VISCOUS, 1.0, -1.0)
-    twice = Fit(**(vars(fit) | {"candidates": (VISCOUS, named("viscous_friction_change", "leg 1")),
+    twice = least_squares.Fit(**(vars(fit) | {"candidates": (VISCOUS, named("viscous_friction_change", "leg 1")),
                                 "values": fit.values * 2, "covariance": np.eye(4)}))  # fmt: skip
     assert totals_of(twice, VISCOUS) == []
 
@@ -103,6 +103,8 @@ def test_what_is_said_to_add_does_add(effect) -> None:
             table[key], there = table[key] + size.typical, there + 1
     assert there > 0
     declared = resolve(type(machine).model_validate(tables))
-    added = resolve(with_settings(machine, {}, [(parameters.Candidate(effect=effect), {size.name: size.typical})]))
+    added = resolve(
+        parameters.with_settings(machine, {}, [(parameters.Candidate(effect=effect), {size.name: size.typical})])
+    )
     assert added.rows == pytest.approx(declared.rows, rel=1e-12)
     assert added.load.moving_mass_kg == pytest.approx(declared.load.moving_mass_kg)

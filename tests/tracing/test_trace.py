@@ -8,10 +8,9 @@ import pytest
 
 import hexsim as hx
 from hexsim.tracing.fitting import fit as least_squares
-from hexsim.tracing.fitting.fit import start_fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps import logs
 from hexsim.tracing.steps.declared_refit import refit_declared
-from hexsim.tracing.steps.logs import begin
 
 DATA = Path(__file__).parents[1] / "data"
 SHARED = Path(__file__).parents[3] / "shared" / "measured"
@@ -40,7 +39,7 @@ def test_hysteresis_is_found(tmp_path):
 
 def test_a_machine_that_diverges_along_its_logs_ends_in_a_sentence(monkeypatch):
     """Volts that are no valve's: no traceback of the linear algebra, but what to check."""
-    state = begin(DATA / "bench_none", ["fit"], ["validate"])
+    state = logs.begin(DATA / "bench_none", ["fit"], ["validate"])
     monkeypatch.setattr(SimulatedProblem, "residual", lambda self, machine, i: np.full((1, 10), np.nan))
     with pytest.raises(hx.HexsimError, match=r"cannot be simulated along fit: its answer diverges\. valve_V must be"):
         refit_declared(state, lambda doing: None)
@@ -48,7 +47,7 @@ def test_a_machine_that_diverges_along_its_logs_ends_in_a_sentence(monkeypatch):
 
 def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):
     """Its column is 0, so that a refit leaves it where it is; the others keep theirs."""
-    state = begin(DATA / "bench_none", ["fit"], ["validate"])
+    state = logs.begin(DATA / "bench_none", ["fit"], ["validate"])
     declared = state.machine.oil.bulk_modulus_Pa
 
     def residual(self, machine, i):
@@ -57,7 +56,7 @@ def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):
 
     monkeypatch.setattr(SimulatedProblem, "residual", residual)
     fit = least_squares.parameter_columns(
-        start_fit(state.machine, state.base.priors, state.fit_problem), state.fit_problem
+        least_squares.start_fit(state.machine, state.base.priors, state.fit_problem), state.fit_problem
     )
     moved = {prior.key for prior, column in zip(fit.priors, fit.columns[0], strict=True) if np.any(column)}
     assert moved == {"discharge_coefficient"}

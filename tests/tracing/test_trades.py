@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hexsim.machine import load_machine
+from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters
-from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.report import trades as trading
 
@@ -24,7 +24,7 @@ def fitted(correlations):
     for (i, j), r in correlations.items():
         matrix[i, j] = matrix[j, i] = r
     spool = {number.name: number.typical for number in SPOOL.free()}
-    return Fit(
+    return least_squares.Fit(
         machine=load_machine(DATA / "bench_none"), priors=(MODULUS,), deviations=np.array([0.02]),
         candidates=(HOSE, SPOOL), values=({"compliance_m3_Pa": 5e-14}, spool), chi2=0.0, n=0, misfit=[],
         covariance=matrix * sd * sd[:, None],
@@ -57,6 +57,6 @@ def test_trades_are_in_the_report_and_drawn():
 
 
 def test_without_a_covariance_nothing_trades():
-    bare = Fit(machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(), values=(),
+    bare = least_squares.Fit(machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(), values=(),
                chi2=0.0, n=0, misfit=[])  # fmt: skip
     assert trading.trades(bare, []) == []

@@ -10,13 +10,12 @@ import hexsim as hx
 from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.signals.lag import lagged
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
+from hexsim.tracing.balances import null, sensor
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.null import used
-from hexsim.tracing.balances.sensor import Sensor
 from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.fitting import fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -49,7 +48,7 @@ def test_a_lag_begins_at_none():
     assert (found[1] - s)[1:] == pytest.approx(-1e-9 * np.diff(s, axis=0) / SAMPLE_s, rel=1e-5, abs=1e-15)
 
 
-@pytest.mark.parametrize(("name", "balance"), [("position_lag", Sensor), ("pressure_lag", Force)])
+@pytest.mark.parametrize(("name", "balance"), [("position_lag", sensor.Sensor), ("pressure_lag", Force)])
 def test_a_balance_holds_again_with_the_lag(name, balance):
     """A noise-free log behind a lag of 50 Hz: what it leaves in its balance falls below a fifth with the effect declared."""
     bench = changed(load_machine("bench"), {"sensors": {}})
@@ -69,12 +68,12 @@ def test_declared_filters_are_in_the_fits():
     plain = changed(built, {"sensors.position_filter_Hz": 0.0, "sensors.pressure_filter_Hz": 0.0})
     run = simulate(built, load_scenario("multisine", duration_s=4.0), seed=5)
     log = replace(Log.of_table("multisine", run.log, "bench"), pressure_top=None)
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(built, [log]))
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(built, [log]))
     known, ignored = (np.sqrt(np.mean(problem.residual(machine, 0) ** 2, axis=1)) for machine in (built, plain))
     assert problem.channels(0)[:2] == ["position_m", "pressure_bottom_Pa"]
     assert np.all(known[:2] < 1.05)
     assert ignored[0] > 10.0 and ignored[1] > 3.0
-    agreed, late = (np.std(used(log, Sensor().residual(log, machine))) for machine in (built, plain))
+    agreed, late = (np.std(null.used(log, sensor.Sensor().residual(log, machine))) for machine in (built, plain))
     assert agreed < 0.3 * late
 
 

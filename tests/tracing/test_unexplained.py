@@ -8,15 +8,15 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.tracing import dependence, rules
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.report import page as report_page
 from hexsim.tracing.report import tables
 from hexsim.tracing.report.balance_figure import fitted_curves
 from hexsim.tracing.steps import logs as trace_logs
+from hexsim.tracing.steps import violations as violated
 from hexsim.tracing.steps.residuals import unexplained_residuals
-from hexsim.tracing.steps.violations import violations
 
 
 @pytest.mark.parametrize(
@@ -35,8 +35,8 @@ def test_what_a_rest_depends_on(tmp_path, monkeypatch, effect, balance, signal, 
     write_machine(tmp_path, 12, {effect: None}, "bench", duration_s=20.0)
     machine = load_machine(tmp_path)
     logs, _ = trace_logs.read_runs(Path(tmp_path), ["fit", "sweep"], machine)
-    problem = SimulatedProblem(logs=tuple(logs), noise=noise_of(machine, logs))
-    worst = unexplained_residuals(violations(machine, machine, problem), problem)[0]
+    problem = SimulatedProblem(logs=tuple(logs), noise=channels.noise_of(machine, logs))
+    worst = unexplained_residuals(violated.violations(machine, machine, problem), problem)[0]
     assert (worst.balance, worst.dependence.signal, worst.dependence.form) == (balance, signal, form)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexsim.mechanics import rigid_body
-from hexsim.signals.weak_form import Window, velocity
+from hexsim.signals import weak_form
 
 RATE = 1000.0
 T = np.arange(2000) / RATE
@@ -13,19 +13,19 @@ INSIDE = slice(100, -100)
 
 def test_constants_and_ramps_pass_unchanged():
     """<w, x> = x for a ramp, <w, dx/dt> = slope, to rounding."""
-    window, ramp = Window(RATE), 3.0 + 2.0 * T
+    window, ramp = weak_form.Window(RATE), 3.0 + 2.0 * T
     assert window.mean(ramp)[INSIDE] == pytest.approx(ramp[INSIDE], rel=1e-12)
     assert window.rate(ramp)[INSIDE] == pytest.approx(2.0, rel=1e-9)
 
 
 def test_second_derivative_of_a_parabola():
     """<w'', x> of 2.5 t^2 is 5, to rounding."""
-    assert Window(RATE, 0.03).second_rate(2.5 * T**2)[INSIDE] == pytest.approx(5.0, rel=1e-6)
+    assert weak_form.Window(RATE, 0.03).second_rate(2.5 * T**2)[INSIDE] == pytest.approx(5.0, rel=1e-6)
 
 
 def test_rate_equals_the_mean_of_the_exact_rate():
     """Integration by parts: -<w', x> = <w, x'> for a sine of 3 Hz; rest is the sampling of the window, below 1e-4."""
-    window = Window(RATE)
+    window = weak_form.Window(RATE)
     x, exact = np.sin(2 * np.pi * 3 * T), 6 * np.pi * np.cos(2 * np.pi * 3 * T)
     difference = window.rate(x)[INSIDE] - window.mean(exact)[INSIDE]
     assert np.max(np.abs(difference)) < 1e-4 * np.max(np.abs(exact))
@@ -35,8 +35,8 @@ def test_velocity_joins_both_sensors():
     """Position alone smooths a 60 Hz vibration away; with the accelerometer the velocity is right within 2 %."""
     w = 2 * np.pi * 60
     y, a, exact = 1e-4 * np.sin(w * T), -1e-4 * w**2 * np.sin(w * T), 1e-4 * w * np.cos(w * T)
-    together = velocity(y[None], a[None], RATE)[0, INSIDE]
-    alone = velocity(y[None], None, RATE)[0, INSIDE]
+    together = weak_form.velocity(y[None], a[None], RATE)[0, INSIDE]
+    alone = weak_form.velocity(y[None], None, RATE)[0, INSIDE]
     assert np.max(np.abs(together - exact[INSIDE])) < 0.02 * np.max(exact)
     assert np.max(np.abs(alone)) < 0.2 * np.max(exact)
 
@@ -63,7 +63,7 @@ def test_some_samples_are_as_of_all(half_width_s):
     """Mean, rate and second rate at every 20th sample are those of all samples, to rounding; also where the window leaves the run."""
     x = np.random.default_rng(0).standard_normal((2, len(T)))
     for at in (slice(100, 1950, 20), slice(3, None, 20)):
-        whole, some = Window(RATE, half_width_s), Window(RATE, half_width_s, at)
+        whole, some = weak_form.Window(RATE, half_width_s), weak_form.Window(RATE, half_width_s, at)
         for name in ("mean", "rate", "second_rate"):
             expected = getattr(whole, name)(x)[:, at]
             assert getattr(some, name)(x) == pytest.approx(expected, abs=1e-12 * np.max(np.abs(expected)))

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import hexsim as hx
 from hexsim import load_scenario
 from hexsim.cli import app, options
-from hexsim.machine import available_machines, load_machine
+from hexsim.machine import load_machine
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
 from hexsim import web
@@ -29,7 +30,7 @@ def wait_until(condition):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("name", available_machines())
+@pytest.mark.parametrize("name", hx.available()["machines"])
 def test_the_command_on_the_page_is_the_machine_of_its_sliders(name):
     """Every slider of every machine at its far end: `hexsim run` with the command line that the page shows gets the machine
     and the motion that run on the page."""
