@@ -19,7 +19,6 @@ from hexsim.identification import bump, identify, plan, record, rounds
 from hexsim.identification import host as hosts
 from hexsim.identification import link as links
 from hexsim.identification.picture import errors_by_kind
-from hexsim.identification.rounds import check_careful
 from hexsim.identification.story import write_story
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
@@ -543,8 +542,8 @@ def test_a_leg_that_does_not_follow_is_refused():
     setpoint = 0.1 + 0.01 * np.sin(np.linspace(0.0, 10.0, 500))
     for position in (0.2 - setpoint, np.full(500, 0.1)):
         with pytest.raises(HexsimError, match="position_m does not follow"):
-            check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
-    check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
+            rounds.check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
+    rounds.check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
 
 
 def test_what_follows_a_signal_at_the_noise_is_said():

@@ -18,7 +18,7 @@ from hexsim import HexsimError
 from hexsim.cli import app
 from hexsim.identification import host as hosts
 from hexsim.identification import link as links
-from hexsim.identification.plan import planned
+from hexsim.identification import plan
 from hexsim.machine import load_machine
 from hexsim.motion_computer import host_limiter, states, telemetry
 
@@ -210,5 +210,5 @@ def test_a_dry_run_draws_every_motion_and_drives_nothing(tmp_path):
     assert result.exit_code == 0 and "nothing was" in result.output
     names = ["heave_compensated", "heave_plain", "held_out", "held_out_2", "round_1", "small"]
     assert sorted(path.stem for path in (tmp_path / "out" / "motions").iterdir()) == names
-    for rows in planned(MACHINES["bench"], 0.3, compensate=True).values():
+    for rows in plan.planned(MACHINES["bench"], 0.3, compensate=True).values():
         assert 0.0 < host_limiter.HostLimiter(MACHINES["bench"]).share(rows) <= 0.3 + 1e-5

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import hexsim
 from hexsim.cli import app
 from hexsim.cli import schema as schemas
-from hexsim.hydraulics.effects import library
+from hexsim.hydraulics import effects
 from hexsim.machine import models_folder
 
 DATA = Path(__file__).parent / "data"
@@ -91,7 +91,7 @@ def test_every_key_says_what_it_is(machine):
             assert "description" in field, f"{name}.{key}"
             if field.get("type") == "number":
                 assert field["description"].endswith("]") or "[" in field["description"], f"{name}.{key}"
-    assert set(machine.schema["properties"]["effects"]["properties"]) == set(library())
+    assert set(machine.schema["properties"]["effects"]["properties"]) == set(effects.library())
 
 
 def test_a_mapping_is_checked_and_each_key_says_what_it_is():

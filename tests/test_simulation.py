@@ -9,13 +9,12 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 import hexsim as hx
-from hexsim import HexsimError, load_scenario
+from hexsim import HexsimError, load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import replay_scenario, scenario_from_dict
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.simulation import simulate
-from hexsim.smoothness import band_limit
 
 BENCH_COLUMNS = [
     "time_s",
@@ -240,7 +239,7 @@ def test_noise_in_the_felt_band_does_not_depend_on_the_rate_of_the_log():
         noise = (log["position_m"] - log["true_position_m"]).to_numpy()
         declared = bench.sensors.position_noise_m
         assert noise.std() == pytest.approx(declared, rel=4 / np.sqrt(2 * 4000))
-        felt = band_limit(log["time_s"].to_numpy(), noise).std()
+        felt = smoothness.band_limit(log["time_s"].to_numpy(), noise).std()
         assert felt == pytest.approx(declared * np.sqrt(0.1), rel=4 / np.sqrt(2 * 400))
 
 

@@ -8,7 +8,6 @@ from scipy.signal import butter, sosfreqz
 
 from hexsim import HexsimError, smoothness
 from hexsim.setpoints import signals
-from hexsim.smoothness import band_limit
 from hexsim.smoothness.band import low_pass_sections
 
 RATE_Hz = 1000.0
@@ -37,7 +36,9 @@ def test_band_limit_has_the_gain_of_its_formula_and_no_phase(frequency, gain):
     """|H| = 1 / (1 + (f / 50)^8), sampled at 10 kHz (tangent warping: 2 % at 200 Hz); the wave does not move."""
     time = np.arange(0.0, 2.0, 1e-4)
     wave = np.sin(2.0 * np.pi * frequency * time + 0.7)
-    assert band_limit(time, wave)[3000:-3000] == pytest.approx(gain * wave[3000:-3000], abs=0.01 * gain + 1e-5)
+    assert smoothness.band_limit(time, wave)[3000:-3000] == pytest.approx(
+        gain * wave[3000:-3000], abs=0.01 * gain + 1e-5
+    )
 
 
 @pytest.mark.parametrize(("order", "cut_off"), [(2, 0.003), (4, 0.05), (6, 0.3)])
@@ -61,7 +62,7 @@ def test_delay_is_exact_where_the_command_is_linear_between_its_samples():
 def test_band_limit_keeps_constants_and_straight_lines():
     """The padding continues a line: nothing happens to it, up to the very ends."""
     line = 3.0 - 2.0 * TIME
-    assert band_limit(TIME, line) == pytest.approx(line, abs=1e-7)
+    assert smoothness.band_limit(TIME, line) == pytest.approx(line, abs=1e-7)
 
 
 @pytest.mark.parametrize("frequency", [0.5, 5.0, 20.0, 60.0, 109.0, 300.0])
@@ -69,7 +70,7 @@ def test_band_limit_of_a_cut_record_is_that_of_the_whole_but_for_its_last_40_ms(
     """It differs by less than 0.5 % of the wave 40 ms inside the cut; at the cut by nearly all of it at the worst."""
     for phase in np.linspace(0.0, 2.0 * np.pi, 12):
         wave = np.sin(2.0 * np.pi * frequency * TIME + phase)
-        error = np.abs(band_limit(TIME[:10_000], wave[:10_000]) - band_limit(TIME, wave)[:10_000])
+        error = np.abs(smoothness.band_limit(TIME[:10_000], wave[:10_000]) - smoothness.band_limit(TIME, wave)[:10_000])
         assert error[200:-40].max() < 0.005
         assert error[-40:].max() < 0.9
 
@@ -77,9 +78,9 @@ def test_band_limit_of_a_cut_record_is_that_of_the_whole_but_for_its_last_40_ms(
 def test_band_limit_leaves_what_it_cannot_or_need_not_filter():
     """None means raw; a record at 80 Hz has nothing above 40 Hz to take away."""
     wave = np.sin(2.0 * np.pi * 300.0 * TIME)
-    assert np.array_equal(band_limit(TIME, wave, None), wave)
+    assert np.array_equal(smoothness.band_limit(TIME, wave, None), wave)
     slow = np.arange(0.0, 10.0, 1.0 / 80.0)
-    assert np.array_equal(band_limit(slow, np.cos(100.0 * slow)), np.cos(100.0 * slow))
+    assert np.array_equal(smoothness.band_limit(slow, np.cos(100.0 * slow)), np.cos(100.0 * slow))
 
 
 @pytest.mark.parametrize(
@@ -94,7 +95,7 @@ def test_band_limit_leaves_what_it_cannot_or_need_not_filter():
 def test_records_that_cannot_be_filtered_are_refused(time, signal, message):
     """Uneven, not finite, of unequal length, too short: row and size are named."""
     with pytest.raises(HexsimError, match=message):
-        band_limit(time, signal)
+        smoothness.band_limit(time, signal)
 
 
 # ---- half-hertz noise ------------------------------------------------------------------------------------------------

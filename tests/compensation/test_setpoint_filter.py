@@ -14,7 +14,6 @@ from hexsim.machine.files import changed
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
-from hexsim.smoothness import band_limit
 
 FILTER_Hz = 14.55  # of the shipped tuned machine
 DELAY_S = math.sqrt(2.0) / (2.0 * math.pi * FILTER_Hz)  # of a Butterworth filter of second order, at low frequencies
@@ -85,7 +84,7 @@ def test_volts_come_in_and_the_lag_goes_without_a_jolt(heaves) -> None:
     bumps = {}
     for name in ("none", "adaptive"):
         time, felt = (heaves[name][column].to_numpy() for column in ("time_s", "true_acceleration_m_s2"))
-        felt = band_limit(time, felt)
+        felt = smoothness.band_limit(time, felt)
         bumps[name] = np.array([bump(time, felt, start) for start in range(2, 20, 2)])
     assert bumps["adaptive"].max() < 1.1 * bumps["none"].max()
     assert bumps["adaptive"][-2:].max() < 0.1 * bumps["none"][-2:].max()

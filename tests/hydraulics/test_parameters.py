@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import parameters
-from hexsim.hydraulics.effects import library
+from hexsim.hydraulics import effects, parameters
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
@@ -116,7 +115,7 @@ def neutral_settings(effect):
 
 ROW_EFFECTS = [
     name
-    for name, effect in library().items()
+    for name, effect in effects.library().items()
     if effect.apply is None and neutral_settings(effect) is not None and "bench" in effect.kinds
 ]
 
@@ -129,7 +128,7 @@ def test_most_effects_of_the_row_have_a_neutral_value_in_reach():
 @pytest.mark.parametrize("name", ROW_EFFECTS)
 def test_neutral_effect_leaves_the_rows_untouched(bench, name):
     """Switched on at its neutral value, an effect that adds to the row's places leaves every number as declared."""
-    effect = library()[name]
+    effect = effects.library()[name]
     bench = load_machine("servo_bench") if effect.four_way else bench
     with_effect = resolve(changed(bench, {f"effects.{name}": neutral_settings(effect)}))
     scaled = [p.slot for p in effect.parameters if p.slot is not None and p.default is None]
@@ -156,10 +155,12 @@ def everything(machine):
     return [n.tolist() for n in numbers], made.load, made.sensors, made.payload_modes
 
 
-@pytest.mark.parametrize("name", [name for name in library() if name != "learned_term"])  # it has a curve, no strength
+@pytest.mark.parametrize(
+    "name", [name for name in effects.library() if name != "learned_term"]
+)  # it has a curve, no strength
 def test_believable_effect_changes_something_and_only_its_legs(hexapod, bench, name):
     """Every effect shows at its typical strength; in leg 2 it leaves the other legs' rows as declared."""
-    effect = library()[name]
+    effect = effects.library()[name]
     hexapod = load_machine("servo_hexapod") if effect.four_way else hexapod
     machine = hexapod if "hexapod" in effect.kinds else bench
     table = {parameter.name: parameter.typical for parameter in effect.parameters}

@@ -8,7 +8,6 @@ import pytest
 
 from hexsim import HexsimError, load_scenario
 from hexsim.hydraulics import effects
-from hexsim.hydraulics.effects import library
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
@@ -16,19 +15,19 @@ from hexsim.simulation import simulate
 
 BEGIN_S = 0.6
 # a learned term has a curve, no strength
-NAMES = [name for name, effect in library().items() if name != "learned_term" and not effect.built_in]
+NAMES = [name for name, effect in effects.library().items() if name != "learned_term" and not effect.built_in]
 
 
 def typical(name: str) -> dict:
     """Typical numbers; a relief that opens below the 3.4 MPa of a bench at rest, or it would do nothing."""
     below = {"opening_pressure_Pa": 3.0e6} if name == "relief_flow" else {}
-    return {parameter.name: parameter.typical for parameter in library()[name].parameters} | below
+    return {parameter.name: parameter.typical for parameter in effects.library()[name].parameters} | below
 
 
 def machine_for(name: str):
-    if library()[name].four_way:
+    if effects.library()[name].four_way:
         return load_machine("servo_bench")
-    return load_machine("bench" if "bench" in library()[name].kinds else "micro_motion_system")
+    return load_machine("bench" if "bench" in effects.library()[name].kinds else "micro_motion_system")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -83,7 +83,7 @@ def test_shut_valves_hold_and_yield_only_by_the_oil():
 
 def test_load_that_the_supply_cannot_hold_is_refused():
     """A platform too heavy for the supply is refused before the run, naming the leg and its pressure."""
-    from hexsim.errors import HexsimError
+    from hexsim import HexsimError
 
     machine = changed(load_machine("bench"), {"load.moving_mass_kg": 2000.0})
     with pytest.raises(HexsimError, match=r"leg 1 needs \d+\.\d bar to hold the load"):

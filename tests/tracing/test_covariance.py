@@ -7,7 +7,6 @@ import pytest
 from scipy.signal import lfilter
 
 from hexsim.tracing.fitting import covariance, normal
-from hexsim.tracing.fitting.normal import scores_of
 
 RATE_Hz, N, DRAWS = 1000.0, 20000, 60
 PROBLEM = SimpleNamespace(logs=[SimpleNamespace(time=np.arange(N) / RATE_Hz)])
@@ -38,7 +37,7 @@ def test_an_error_is_the_scatter_of_the_number(share, times):
         r = left_over(rng, share)
         numbers.append(covariance.inverse(A) @ np.einsum("kcn,cn->k", X, r))
         left = r - np.einsum("k,kcn->cn", numbers[-1], X)
-        errors.append(np.sqrt(np.diag(covariance.scattered(A, np.zeros(0), scores_of([[X]], [left], PROBLEM)))))
+        errors.append(np.sqrt(np.diag(covariance.scattered(A, np.zeros(0), normal.scores_of([[X]], [left], PROBLEM)))))
     white = np.sqrt(np.diag(covariance.inverse(A)))
     assert np.std(numbers, axis=0)[0] == pytest.approx(np.mean(errors, axis=0)[0], rel=0.25)
     assert np.mean(errors, axis=0)[0] > times * white[0]
@@ -49,7 +48,7 @@ def test_no_error_is_less_than_that_of_white_noise():
     """Blocks that agree by chance, nothing left at all, and a prior on the first number."""
     X = columns_of(np.random.default_rng(2))
     A = np.einsum("kcn,lcn->kl", X, X) + np.diag([3.0, 0.0])
-    found = covariance.scattered(A, np.array([3.0]), scores_of([[X]], [np.zeros((1, N))], PROBLEM))
+    found = covariance.scattered(A, np.array([3.0]), normal.scores_of([[X]], [np.zeros((1, N))], PROBLEM))
     assert np.diag(found) == pytest.approx(np.diag(covariance.inverse(A)), rel=1e-9)
 
 

@@ -16,7 +16,7 @@ from hexsim.readers import read_log
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation.simulator import simulate_log
+from hexsim.tracing.simulation import simulator
 from hexsim.tracing.steps import logs
 
 HERE = Path(__file__).resolve().parent
@@ -80,9 +80,9 @@ def test_a_gap_makes_two_runs_with_states_of_their_own(tmp_path):
 
 def test_a_slow_log_is_simulated_with_every_tick_of_its_controller(machine, log):
     """100 Hz of a 500 Hz loop: the answer is that of 1 kHz at the same instants, within a tenth of the sensors' noise."""
-    fast = simulate_log(machine, log, 0, {})
+    fast = simulator.simulate_log(machine, log, 0, {})
     columns = {name: np.ascontiguousarray(x[::10]) for name, x in log.columns.items()}
-    slow = simulate_log(machine, replace(log, columns=columns, time=log.time[::10], rate=100.0), 0, {})
+    slow = simulator.simulate_log(machine, replace(log, columns=columns, time=log.time[::10], rate=100.0), 0, {})
     kinds = {"position": 3e-6, "pressure_bottom": 4e3, "acceleration": 0.02}
     for name, noise in kinds.items():
         off = slow[name][0, 30:-20] - fast[name][0, ::10][30:-20]
@@ -91,8 +91,8 @@ def test_a_slow_log_is_simulated_with_every_tick_of_its_controller(machine, log)
 
 def test_the_controller_ticks_where_the_volts_change(machine, log):
     """A log that begins with the second sample of a tick: the same answer but for its first tenths of a second."""
-    whole = simulate_log(machine, log, 0, {})
-    later = simulate_log(machine, log.part(slice(1, None)), 0, {})
+    whole = simulator.simulate_log(machine, log, 0, {})
+    later = simulator.simulate_log(machine, log.part(slice(1, None)), 0, {})
     off = later["position"][0, 500:] - whole["position"][0, 501:]
     assert np.max(np.abs(off)) < 1e-6
 

@@ -6,7 +6,6 @@ import pytest
 
 from hexsim.cli.trace import print_trace
 from hexsim.hydraulics import effects
-from hexsim.hydraulics.effects import library
 from hexsim.tracing import state
 from hexsim.tracing.fitting import parameters
 from hexsim.tracing.fitting.parameters import named
@@ -72,7 +71,7 @@ def test_what_the_file_means_has_no_range() -> None:
 
 def test_no_effect_begins_at_an_end_of_its_range() -> None:
     """A typical number of the library is no bound; what vanishes at 0 and cannot be negative is at its lower end there."""
-    for own in library().values():
+    for own in effects.library().values():
         for number in own.parameters:
             if number.typical and math.isfinite(number.typical):
                 assert parameters.end_of_range(number, number.typical) == "", (own.name, number.name)

@@ -14,7 +14,7 @@ from hexsim.machine.files import changed
 from hexsim.signals import channels
 from hexsim.tracing.balances import null
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.design.motions import setpoint_log
+from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import parameters
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -73,7 +73,7 @@ def test_a_pressure_difference_alone_gives_the_force_balance_of_equal_areas():
     machine = load_machine("servo_bench")
     moved = {"kind": "sine", "amplitude": 0.05, "frequency_Hz": 0.8}
     motion = {"name": "heave", "mode": "actuator", "duration_s": 4.0, "fade_s": 1.0, "axes": {"leg_1": moved}}
-    problem = SimulatedProblem(logs=(setpoint_log(machine, motion),), noise=channels.declared_noise(machine))
+    problem = SimulatedProblem(logs=(motions.setpoint_log(machine, motion),), noise=channels.declared_noise(machine))
     both = problem.simulated(changed(machine, {"effects.spring": {"stiffness_N_m": 2e4}}), 0)
     assert both.pressure is not None and both.signal("pressure_top") is not None
     difference = both.pressure - both.signal("pressure_top")

@@ -12,7 +12,7 @@ from hexsim.signals.log import Log
 from hexsim.tracing import held_out
 from hexsim.tracing.balances import null
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.design.motions import setpoint_log
+from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import fit, parameters
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -56,7 +56,7 @@ def bench():
     }
     tables |= {"axes": {"leg_1": MULTISINE}}
     noise = channels.noise_of(machine, [])
-    quiet = SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=noise).simulated(leaks, 0)
+    quiet = SimulatedProblem(logs=(motions.setpoint_log(machine, tables),), noise=noise).simulated(leaks, 0)
     log = null.with_noise(quiet, noise, machine.sensors.position_resolution_m, np.random.default_rng(0))
     return machine, leaks, SimulatedProblem(logs=(log,), noise=noise), quiet
 

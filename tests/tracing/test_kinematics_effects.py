@@ -11,7 +11,7 @@ from hexsim.scenarios import scenario_from_dict
 from hexsim.signals import channels
 from hexsim.tracing.balances import sensor
 from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.design.motions import setpoint_log
+from hexsim.tracing.design import motions
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 NOISE = {
@@ -50,7 +50,7 @@ def test_a_balance_holds_again_with_the_effect(hexapod, name):
     makes there; the rest (held volts, reversals) is in both."""
     table, balance = CASES[name]
     built = changed(hexapod, {f"effects.{name}": table})
-    problem = SimulatedProblem(logs=(setpoint_log(hexapod, MOTION).head(4.0),), noise=NOISE)
+    problem = SimulatedProblem(logs=(motions.setpoint_log(hexapod, MOTION).head(4.0),), noise=NOISE)
     usual, log = problem.simulated(hexapod, 0), problem.simulated(built, 0)
     first = int((channels.SETTLE_S + 0.1) * log.rate)
     floor = balance().residual(usual, hexapod)[:, first:-100]

@@ -13,8 +13,8 @@ from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters
 from hexsim.tracing.problems import problem as problems
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps import declared_refit
 from hexsim.tracing.steps import logs as trace_logs
-from hexsim.tracing.steps.declared_refit import refit_declared
 
 DATA = Path(__file__).parents[1] / "data" / "bench_leakage"
 CHANNELS, N = 4, 50_000
@@ -70,6 +70,6 @@ def test_a_refit_that_begins_with_the_opening_ends_as_one_that_does_not(monkeypa
     for long_s in (5.0, np.inf):
         monkeypatch.setattr(rules, "LONG_S", long_s)
         whole_runs.append(0)
-        found.append(refit_declared(trace_logs.begin(DATA, ["fit"], ["validate"]), print).base)
+        found.append(declared_refit.refit_declared(trace_logs.begin(DATA, ["fit"], ["validate"]), print).base)
     assert found[0].chi2 - found[1].chi2 == pytest.approx(0.0, abs=rules.BASE_TOLERANCE * (found[1].chi2 - found[1].n))
     assert whole_runs[0] < whole_runs[1]

@@ -26,7 +26,6 @@ from hexsim.tracing.design import believed as columns
 from hexsim.tracing.design import information, motions, next_measurement, rest
 from hexsim.tracing.design import words as design_words
 from hexsim.tracing.design.ceiling import ceiling_of
-from hexsim.tracing.design.motions import setpoint_log
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, rest_evidence, rest_level
@@ -263,7 +262,7 @@ def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
     jump = block | {"axes": {"leg_1": block["axes"]["leg_1"] | {"transition_s": 0.0}}}  # a host would not let it out
     assert family.beyond(jump) > 50.0
     for name, tables in {"jump": jump, "block": block, "slow": slow}.items():
-        log = setpoint_log(late.machine, tables)
+        log = motions.setpoint_log(late.machine, tables)
         promised = asked.promise(log)
         found[name] = promised, asked.checked(log, promised)
     assert all(pair not in own.tied for own in found["jump"])
@@ -308,7 +307,7 @@ def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
     twice = dataclasses.replace(
         asked, labels=("one", "other"), found=(asked.best, asked.best), known=(asked.known[0], asked.known[0])
     )
-    log = setpoint_log(
+    log = motions.setpoint_log(
         late.machine, motions.MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3]))
     )
     seen = rest.as_measured(asked.best.fit, asked.problem, asked.simulated, log)
@@ -319,7 +318,7 @@ def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
 def test_a_motion_into_a_cushion_is_not_asked_for(late):
     """Setpoints inside the stroke promise something; the same, stretched until the piston comes into a cushion, promise nothing."""
     asked = what_is_open(late)
-    log = setpoint_log(
+    log = motions.setpoint_log(
         late.machine, motions.MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3]))
     )
     mid = 0.5 * late.machine.cylinder.stroke_m

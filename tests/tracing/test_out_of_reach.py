@@ -10,7 +10,7 @@ from hexsim.machine import load_machine, save_machine
 from hexsim.machine.files import changed
 from hexsim.signals import channels
 from hexsim.tracing.balances import library
-from hexsim.tracing.design.motions import setpoint_log
+from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import fit, parameters, screening, selection
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems import balance as balance_problem
@@ -27,7 +27,7 @@ def heave_log(machine):
         "name": "heave", "mode": "dof", "machine_name": machine.name, "duration_s": 1.5,
         "axes": {"z": {"kind": "sine", "amplitude": 0.02, "frequency_Hz": 1.0}},
     }  # fmt: skip
-    bare = SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=machine_noise(machine))
+    bare = SimulatedProblem(logs=(motions.setpoint_log(machine, tables),), noise=machine_noise(machine))
     return bare.simulated(machine, 0)
 
 

@@ -14,7 +14,7 @@ from hexsim import HexsimError
 from hexsim.cli import app
 from hexsim.signals import weak_form
 from hexsim.signals.log import Log
-from hexsim.tracing import term_columns
+from hexsim.tracing import term_regression
 from hexsim.tracing.own.events import events
 from hexsim.tracing.own.expressions import formula
 from hexsim.tracing.own.trace import trace_folder
@@ -218,7 +218,7 @@ def test_formulas_in_the_weak_form():
     """A rate that stands alone is the window's own, a factor before it too; in a product it has its short window."""
     t = np.arange(500) / RATE
     log = Log(name="x", kind="own", time=t, rate=RATE, columns={"y": t**2, "z": 1.0 + 0.0 * t})
-    point = term_columns.Point(log=log, window=weak_form.Window(RATE, 0.05), short=weak_form.Window(RATE, 0.03))
+    point = term_regression.Point(log=log, window=weak_form.Window(RATE, 0.05), short=weak_form.Window(RATE, 0.03))
     inside = slice(30, -30)
     for text, expected in (
         ("2 * rate(y) - z", 4 * t - 1),
@@ -248,7 +248,7 @@ def test_a_part_at_standstill_has_the_delay_of_the_others():
     moving = np.where((t > 80) & (t < 120), 0.0, 1.0)
     signal = moving * (np.sin(2 * np.pi * 0.2 * t) + 0.5 * np.sin(2 * np.pi * 0.33 * t))
     late = np.interp(t - 0.12, t, signal) + 1e-3 * np.random.default_rng(0).standard_normal(len(t))
-    found = term_columns.aligned(weak_form.Window(50.0, 0.1), "late", late, signal)
+    found = term_regression.aligned(weak_form.Window(50.0, 0.1), "late", late, signal)
     np.testing.assert_allclose(found.delay_s, 0.12, atol=5e-3)
     assert "from 80 to 120 s it does not follow" in found.sentence
 

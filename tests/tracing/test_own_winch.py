@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.tracing import term_columns, term_selection
+from hexsim.tracing import term_regression, term_selection
 from hexsim.tracing.own.trace import trace_folder
 
 RATE, SECONDS, LATE_S, GEAR = 125.0, 48.0, 0.06, 12.0
@@ -122,14 +122,14 @@ def test_beside_a_delay_every_term_has_the_sign_that_physics_allows(winch):
     """Leakage given the wrong sign is nothing then, and the other numbers those of a fit without it."""
     point = winch[0].fit[0]
     terms = {
-        name: term_columns.Term(name=name, unit="", column=lambda p, k=name: p.mean(p[k]), sign=sign)
+        name: term_regression.Term(name=name, unit="", column=lambda p, k=name: p.mean(p[k]), sign=sign)
         for name, sign in (("pressure_a_Pa", -1), ("rope_N", 1))
     }
-    rate = term_columns.Term(name="speed", unit="", column=lambda p: p.mean(p["speed_rad_s"]))
-    balance = term_columns.OwnBalance(
+    rate = term_regression.Term(name="speed", unit="", column=lambda p: p.mean(p["speed_rad_s"]))
+    balance = term_regression.OwnBalance(
         name="flow", unit="m3/s", target=lambda p: p.mean(p["flow_m3_s"]), terms=(rate,), candidates=()
     )
-    runs = [term_columns.run_data(balance, point)]
+    runs = [term_regression.run_data(balance, point)]
     free, held = (
         term_selection.solve(balance, runs, tuple(terms.values())),
         term_selection.solve_physical(balance, runs, tuple(terms.values())),

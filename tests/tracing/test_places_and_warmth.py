@@ -11,7 +11,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.tracing.balances import continuity, sensor
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.design.motions import setpoint_log
+from hexsim.tracing.design import motions
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import dominant, logs, shapes, violations
 
@@ -42,7 +42,7 @@ def test_its_balance_holds_again_with_the_effect(machine, name, values, balance)
     bench = changed(load_machine(machine), {"sensors": {}})
     place = {"place_m": 0.5 * bench.cylinder.stroke_m - 0.008} if name == "worn_bore" else {}
     built = changed(bench, {f"effects.{name}": values | place})
-    problem = SimulatedProblem(logs=(setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
+    problem = SimulatedProblem(logs=(motions.setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
     usual, log = problem.simulated(bench, 0), problem.simulated(built, 0)
     inner = slice(round(log.rate), -100)
     floor = balance().residual(usual, bench)[:, inner]

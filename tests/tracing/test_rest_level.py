@@ -24,8 +24,7 @@ from hexsim.tracing.fitting import parameters, rest_evidence, rest_level, rest_p
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems import problem as problems
-from hexsim.tracing.steps import dominant, logs, shapes, violations
-from hexsim.tracing.steps.balance_search import with_fast_rows
+from hexsim.tracing.steps import balance_search, dominant, logs, shapes, violations
 
 DATA = Path(__file__).parents[1] / "data"
 ROUGH = {
@@ -129,7 +128,9 @@ def soft_bench(compliance):
 def test_a_soft_chamber_stands_out_of_the_fast_continuity():
     """A hose of 5e-14 m3/Pa: mean square above the noise three times that of the slow part; with the hose it is noise."""
     declared, soft, problem = soft_bench(5e-14)
-    joint = with_fast_rows(balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    joint = balance_search.with_fast_rows(
+        balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared
+    )
     stiff, right = (float(rest_level.row_sizes([joint.residual(machine, 0)])[0]) for machine in (declared, soft))
     assert stiff > 1.5 and right == pytest.approx(1.0, abs=0.08)
     slow = [continuity.Continuity().residual(problem.logs[0], machine)[0, 500:-100] for machine in (declared, soft)]
@@ -139,7 +140,9 @@ def test_a_soft_chamber_stands_out_of_the_fast_continuity():
 def test_noise_of_the_pressure_does_not_ask_for_a_stiffer_chamber():
     """Undivided the fast residual of noise alone grows with the chamber's capacity; over what noise makes of it, it does not."""
     declared, _, problem = soft_bench(0.0)
-    joint = with_fast_rows(balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    joint = balance_search.with_fast_rows(
+        balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared
+    )
     [fast] = [part.balance for part in joint.parts]
     quiet = problem.simulated(declared, 0)
     softer = parameters.with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": 1e-13})])
@@ -318,7 +321,9 @@ def test_a_spool_that_the_base_took_for_the_effect_is_given_back():
     """Without the small spool, else where it stood; nothing to give back where there is none."""
     declared, _, problem = soft_bench(0.0)
     [spool] = [c for c in rest_level.ordinary_effects(parameters.candidates(declared)) if c.effect.name == "spool_lag"]
-    joint = with_fast_rows(balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    joint = balance_search.with_fast_rows(
+        balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared
+    )
     bare = least_squares.start_fit(declared, (), joint)
     fit = replace(bare, candidates=(spool, named("valve_delay")), values=({"frequency_Hz": 120.0}, {"delay_s": 1e-3}))
     lagging = rest_level.RestFit(fit=least_squares.answered(fit, joint), columns=[], cost=0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.hydraulics.effects import library
+from hexsim.hydraulics import effects
 from hexsim.tracing import signature as signatures
 from hexsim.tracing.signature_axes import explained
 
@@ -90,7 +90,7 @@ def test_a_moment_of_a_platform_is_in_newton_metres():
 def test_every_effect_has_a_picture_that_shows_it():
     """Three tenths of the samples lie at least half as far again from zero as without the effect: jolts where legs turn, which
     sampling leaves with it and without, are fewer."""
-    for name, effect in library().items():
+    for name, effect in effects.library().items():
         if effect.parameters:
             found = signatures.signature(name)
             far, usual = (np.quantile(np.abs(rows), 0.7) for rows in (found.residual, found.without))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.hydraulics.effects import library
+from hexsim.hydraulics import effects
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.tracing import state
@@ -19,7 +19,7 @@ from hexsim.tracing.report import tables as report_tables
 
 BENCH = Path(__file__).parents[1] / "data" / "bench_none"
 VISCOUS = named("viscous_friction_change")
-ADDING = [effect for effect in library().values() if effect.parameters and effect.parameters[0].adds_to]
+ADDING = [effect for effect in effects.library().values() if effect.parameters and effect.parameters[0].adds_to]
 
 
 def fitted(own: parameters.Candidate, sd: float, correlation: float) -> least_squares.Fit:

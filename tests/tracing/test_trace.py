@@ -9,8 +9,7 @@ import pytest
 import hexsim as hx
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps import logs
-from hexsim.tracing.steps.declared_refit import refit_declared
+from hexsim.tracing.steps import declared_refit, logs
 
 DATA = Path(__file__).parents[1] / "data"
 SHARED = Path(__file__).parents[3] / "shared" / "measured"
@@ -42,7 +41,7 @@ def test_a_machine_that_diverges_along_its_logs_ends_in_a_sentence(monkeypatch):
     state = logs.begin(DATA / "bench_none", ["fit"], ["validate"])
     monkeypatch.setattr(SimulatedProblem, "residual", lambda self, machine, i: np.full((1, 10), np.nan))
     with pytest.raises(hx.HexsimError, match=r"cannot be simulated along fit: its answer diverges\. valve_V must be"):
-        refit_declared(state, lambda doing: None)
+        declared_refit.refit_declared(state, lambda doing: None)
 
 
 def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):

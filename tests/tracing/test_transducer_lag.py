@@ -16,7 +16,7 @@ from hexsim.signals.log import Log
 from hexsim.simulation import simulate
 from hexsim.tracing.balances import null, sensor
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.design.motions import setpoint_log
+from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
@@ -53,7 +53,7 @@ def test_a_balance_holds_again_with_the_lag(name, balance):
     """A noise-free log behind a lag of 50 Hz: what it leaves in its balance falls below a fifth with the effect declared."""
     bench = changed(load_machine("bench"), {"sensors": {}})
     built = changed(bench, {f"effects.{name}": {"time_constant_s": 1.0 / (2 * np.pi * 50.0)}})
-    problem = SimulatedProblem(logs=(setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
+    problem = SimulatedProblem(logs=(motions.setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
     usual, log = problem.simulated(bench, 0), problem.simulated(built, 0)
     inner = slice(round(log.rate), -100)
     floor = balance().residual(usual, bench)[:, inner]
