@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import compensation
+import hexsim as hx
 from compensation import Context
 from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
@@ -19,7 +20,6 @@ from hexsim.identification import bump, identify, plan, record, rounds
 from hexsim.identification import host as hosts
 from hexsim.identification import link as links
 from hexsim.identification.picture import errors_by_kind
-from hexsim.identification.story import write_story
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
 from hexsim.motion_computer import compensator_packet, host_limiter, host_packet, states, telemetry
@@ -513,7 +513,7 @@ def test_the_story_names_what_is_named(tmp_path):
         error=error,
     )
     story = record.Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended="done", machine_s=72.0)
-    page = write_story(story).read_text(encoding="utf-8")
+    page = (hx.Identification(story).to_folder() / "report.html").read_text(encoding="utf-8")
     assert "What the declared machine is missing: leakage supply to chamber (explained)." in page
     assert "1 round, 1.2 minutes" in page
     assert errors_by_kind(error, "declared") == {"position_m": pytest.approx(300.0)}
@@ -528,7 +528,7 @@ def test_the_page_says_what_a_partly_explained_machine_keeps(tmp_path):
     )
     ended = "partly: nothing is left to be told apart, and every number is sharp"
     story = record.Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended=ended)
-    page = write_story(story).read_text(encoding="utf-8")
+    page = (hx.Identification(story).to_folder() / "report.html").read_text(encoding="utf-8")
     assert "What the declared machine is missing: valve hysteresis (partly: a residual without a name remains)." in page
     assert "It ended because: nothing is left to be told apart" in page
     assert "no number; a rest that no effect names" in page

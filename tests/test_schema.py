@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 import hexsim
 from hexsim.cli import app
-from hexsim.cli import schema as schemas
 from hexsim.hydraulics import effects
 from hexsim.machine import models_folder
 
@@ -21,14 +20,19 @@ MACHINES = [*models_folder().glob("*/*.toml"), *DATA.glob("*/machine.toml")]
 SCENARIOS = list(SCENARIO_FILES.glob("*.toml"))
 
 
+def schema_of(what):
+    """What `hexsim export schema` prints."""
+    return json.loads(CliRunner().invoke(app, ["export", "schema", what]).stdout)
+
+
 @pytest.fixture(scope="module")
 def machine():
-    return Draft202012Validator(schemas.machine_schema())
+    return Draft202012Validator(schema_of("machine"))
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return Draft202012Validator(schemas.scenario_schema())
+    return Draft202012Validator(schema_of("scenario"))
 
 
 def test_there_are_files_to_check():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hexsim import HexsimError
-from hexsim.cli.flown import vehicle_of
+from hexsim.cli import flown
 from hexsim.cueing import protocols, toml_protocol, washout
 from hexsim.machine import load_machine
 from hexsim.motion_computer import states
@@ -366,7 +366,7 @@ def test_xplane_is_asked_until_it_answers_and_told_the_end() -> None:
                 found.append(struct.unpack_from("<ii", xplane_socket.recv(1000), 5))
         return found
 
-    vehicle = vehicle_of(f"xplane-rref@127.0.0.1:{xplane_socket.getsockname()[1]}", strict=False)
+    vehicle = flown.vehicle_of(f"xplane-rref@127.0.0.1:{xplane_socket.getsockname()[1]}", strict=False)
     everything = [(60, index) for index in range(1, 7)]
     with xplane_socket:
         with serve.Server(
@@ -382,7 +382,7 @@ def test_xplane_is_asked_until_it_answers_and_told_the_end() -> None:
         assert asked() == [(0, index) for index in range(1, 7)]
     for wrong in ("xplane-rref@", "xplane-rref@127.0.0.1:x", "xplane-rref@127.0.0.1:70000", "xplane-rref@no such host"):
         with pytest.raises(HexsimError, match="xplane-rref@"):
-            vehicle_of(wrong, strict=False)
+            flown.vehicle_of(wrong, strict=False)
 
 
 def test_a_clock_that_stands_still_is_a_pause() -> None:

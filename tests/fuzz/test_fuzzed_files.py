@@ -1,14 +1,16 @@
 """Machine and scenario files, mutated, through the command line."""
 
+import json
 import tomllib
 from pathlib import Path
 
 from harness import MORE, command, fuzz, sandbox
 from hypothesis import strategies as st
 from mutations import as_toml, at_bounds, mutated, torn
+from typer.testing import CliRunner
 
 import hexsim
-from hexsim.cli import schema as schemas
+from hexsim.cli import app
 from hexsim.machine import models_folder
 
 SCENARIO_FILES = Path(hexsim.__file__).parent / "scenarios"
@@ -52,7 +54,7 @@ def test_machine_files(tmp_path, examples):
 
 def possible() -> dict[tuple[str, str], tuple[float, float]]:
     """(table, key) -> the range of the JSON schema."""
-    schema = schemas.machine_schema()
+    schema = json.loads(CliRunner().invoke(app, ["export", "schema", "machine"]).stdout)
     found = {}
     for table, place in schema["properties"].items():
         name = str(place.get("$ref") or place.get("anyOf", [{}])[0].get("$ref")).rsplit("/")[-1]

@@ -12,7 +12,6 @@ from hexsim.plant import Plant
 from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
 from hexsim.studies import sweep
-from hexsim.studies.uncertainty import drawn
 
 CABIN = {"name": "cabin", "mass_kg": 150.0, "position_m": [0.2, -0.1, 0.6], "inertia_kg_m2": [20.0, 25.0, 15.0]}
 WIDTHS = {"base_joints_m": 1e-3, "platform_joints_m": 1e-3, "leg_zero_offsets_m": 5e-4, "bulk_modulus_Pa": 0.1}
@@ -62,14 +61,15 @@ def test_a_bench_has_no_payload(bench):
 def test_drawn_machines_lie_within_their_widths(hexapod):
     """60 draws: every number within its half width, some beyond half of it, and another for each draw."""
     machine = changed(hexapod, {"uncertainty": WIDTHS})
-    draws = [drawn(machine, seed) for seed in range(60)]
+    cases = sweep.cases(load_scenario("heave"), machine, draws=60)
+    draws = [case.settings_on(machine) for case in cases]
     moduli = np.array([draw["oil.bulk_modulus_Pa"] for draw in draws]) / machine.oil.bulk_modulus_Pa - 1
     offsets = np.array([[leg["length_m"] for leg in draw["effects.leg_zero_offset"]] for draw in draws])
     joints = np.array([[leg["x_m"] for leg in draw["effects.base_joint_offset"]] for draw in draws])
     for values, width in ((moduli, 0.1), (offsets, 5e-4), (joints, 1e-3)):
         assert 0.5 * width < np.abs(values).max() <= width
         assert len(np.unique(values)) == values.size
-    assert drawn(machine, 3) == draws[3]
+    assert sweep.cases(load_scenario("heave"), machine, draws=4)[3].settings_on(machine) == draws[3]
 
 
 def test_a_displaced_joint_is_unknown_to_the_motion_computer(hexapod):
@@ -92,8 +92,8 @@ def test_a_sweep_draws_machines(hexapod):
     machine = changed(hexapod, {"uncertainty": WIDTHS})
     made = sweep.cases(load_scenario("heave"), machine, compensators=("none", "exact"), draws=2)
     assert [case.compensator for case in made] == ["none", "exact", "none", "exact"]
-    assert made[0].settings_on(machine) == made[1].settings_on(machine) == drawn(machine, 0)
-    assert made[2].settings_on(machine) == drawn(machine, 1)
+    assert made[0].settings_on(machine) == made[1].settings_on(machine) != made[2].settings_on(machine)
+    assert made[2].settings_on(machine) == made[3].settings_on(machine)
 
 
 def test_joint_uncertainty_is_in_metres(hexapod):

@@ -6,8 +6,8 @@ import pytest
 from hexsim import HexsimError, load_scenario
 from hexsim.machine.files import changed
 from hexsim.mechanics import points as point_motion
+from hexsim.recording import figures as figures_of_run
 from hexsim.recording import summary_table
-from hexsim.recording.points import points
 from hexsim.recording.signals import Signals
 from hexsim.scenarios.settings import apply_settings
 from hexsim.signals import table
@@ -131,8 +131,7 @@ def test_figures_and_words_of_a_point(run):
         "driver_head",
         "below",
     ]
-    figure = points(Signals.of_run(run))
-    assert figure is not None
+    figure = figures_of_run.run_figures(Signals.of_run(run))["points"]
     assert {line.get_label() for line in figure.axes[0].lines} >= {"driver_head", "below"}
     assert table.label_of("acceleration_at_driver_head_z_m_s2") == "acceleration at driver_head z"
 

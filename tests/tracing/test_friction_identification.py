@@ -15,9 +15,13 @@ from hexsim.recording import run_files
 from hexsim.simulation import simulate
 from hexsim.tracing.friction import figure as friction_figures
 from hexsim.tracing.friction.identification import identify_friction
-from hexsim.tracing.friction.stribeck import KEYS
 
 DATA = Path(__file__).resolve().parents[1] / "data"
+KEYS = [
+    f"{kind}_{way}_{unit}"
+    for way in ("extend", "retract")
+    for kind, unit in (("viscous", "N_s_m"), ("coulomb", "N"), ("static", "N"), ("stribeck_velocity", "m_s"))
+]
 FIELDS = ("viscous_out", "coulomb_out", "static_out", "stribeck", "viscous_in", "coulomb_in", "static_in", "stribeck")
 
 
