@@ -9,6 +9,7 @@ from hexsim.machine.files import changed
 from hexsim.signals import channels
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
+from hexsim.tracing import balances
 from hexsim.tracing.balances import controller, null
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs, shapes
@@ -36,9 +37,12 @@ def test_the_loop_that_runs_is_read_off_a_log(bench, tmp_path, name):
     [found] = controller.loops_of(log, bench) or []
     assert found.gain == pytest.approx(1.2 if name == "controller_gain" else 1.0, rel=1e-3)
     assert found.delay_ticks == pytest.approx(1.5 if name == "computing_delay" else 0.0, abs=0.02)
-    assert controller.Loop().wants(log, bench)
+    assert balances.balance_named("controller", bench).wants(log, bench)
     assert logs.feedback_of(bench, [log], channels.declared_noise(bench)) == 0
-    without, with_it = (float(np.std(null.used(log, controller.Loop().residual(log, one)))) for one in (bench, running))
+    without, with_it = (
+        float(np.std(null.used(log, balances.balance_named("controller", bench).residual(log, one))))
+        for one in (bench, running)
+    )
     assert with_it < 0.02 * without
     problem = SimulatedProblem(logs=(log,), noise=channels.declared_noise(bench))
     assert np.sqrt(np.mean(problem.residual(running, 0) ** 2)) < 1.2
@@ -49,7 +53,7 @@ def test_of_a_loop_as_declared_no_such_balance_is_formed(bench, tmp_path):
     """The declared loop: nothing to hold against it, so that clean logs are judged as before."""
     log = logged(bench, tmp_path)
     assert controller.loops_of(log, bench) is not None
-    assert not controller.Loop().wants(log, bench)
+    assert not balances.balance_named("controller", bench).wants(log, bench)
     assert not {c.effect.name for c in shapes.worth_screening(bench, [], {})} & set(RUNNING)
 
 

@@ -13,7 +13,7 @@ import pytest
 import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
-from hexsim.tracing.balances import balance_named
+from hexsim.tracing import balances
 from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation import simulator
@@ -59,7 +59,9 @@ def test_filled_samples_weigh_nothing(machine, log):
     for one in (replace(log, repaired=repaired), replace(log, repaired=repaired, columns=columns)):
         own = {"acceleration_m_s2": one.columns["acceleration_m_s2"]}
         simulated = SimulatedProblem(logs=(replace(log, repaired=repaired, columns=log.columns | own),), noise=NOISE)
-        rows = balance_problem.BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
+        rows = balance_problem.BalanceRows(
+            balance=balances.balance_named("force", machine), sigma=np.ones(1), rows=(0,)
+        )
         balance = balance_problem.BalanceProblem(logs=(one,), parts=(rows,)).residual(machine, 0)
         found.append((simulated.residual(machine, 0), balance))
     np.testing.assert_array_equal(found[0][0][:, :], found[1][0])

@@ -12,8 +12,8 @@ import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals import channels
+from hexsim.tracing import balances
 from hexsim.tracing.balances import null
-from hexsim.tracing.balances.force import Force
 from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import parameters
 from hexsim.tracing.fitting.parameters import named
@@ -78,8 +78,9 @@ def test_a_pressure_difference_alone_gives_the_force_balance_of_equal_areas():
     assert both.pressure is not None and both.signal("pressure_top") is not None
     difference = both.pressure - both.signal("pressure_top")
     alone = replace(both, pressure_bottom=None, pressure_top=None, pressure_difference=difference)
-    assert Force().wants(alone, machine)
-    whole, part = (null.used(log, Force().residual(log, machine)) for log in (both, alone))
+    force = balances.balance_named("force", machine)
+    assert force.wants(alone, machine)
+    whole, part = (null.used(log, force.residual(log, machine)) for log in (both, alone))
     assert np.std(whole) > 100.0
     assert np.std(part - whole) < 0.01 * np.std(whole)
     [said] = violations.lost_balances([alone], machine)

@@ -9,9 +9,8 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals import channels
 from hexsim.signals.log import Log
-from hexsim.tracing import held_out
+from hexsim.tracing import balances, held_out
 from hexsim.tracing.balances import null
-from hexsim.tracing.balances.force import Force
 from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import fit, parameters
 from hexsim.tracing.fitting.parameters import named
@@ -87,7 +86,7 @@ def test_force_balance_from_the_position_shows_a_force(bench, extra_N):
     pushed = changed(leaks, {"effects.constant_force": {"force_N": extra_N}})
     plain = replace(problem, logs=(quiet,))
     of_pushed, noisy = plain.simulated(pushed, 0), problem.logs[0]
-    balance = Force()
+    balance = balances.balance_named("force", machine)
     noise, own, lacking = (
         null.used(log, balance.residual(replace(log, acceleration=None), leaks)[0]) for log in (noisy, quiet, of_pushed)
     )

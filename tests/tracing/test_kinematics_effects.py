@@ -9,8 +9,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import scenario_from_dict
 from hexsim.signals import channels
-from hexsim.tracing.balances import sensor
-from hexsim.tracing.balances.platform import Platform
+from hexsim.tracing import balances
 from hexsim.tracing.design import motions
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
@@ -26,12 +25,12 @@ MOTION = {
     },
 }  # fmt: skip
 CASES = {
-    "base_joint_offset": ({"x_m": 1e-3, "where": "leg 3"}, Platform),
-    "platform_joint_offset": ({"z_m": 1e-3, "where": "leg 3"}, Platform),
-    "leg_zero_offset": ({"length_m": 5e-4, "where": "leg 3"}, Platform),
-    "gravity_direction": ({"about_x_rad": 2e-3}, Platform),
-    "imu_orientation": ({"y_rad": 0.0175}, sensor.Imu),
-    "imu_position": ({"x_m": 0.05, "z_m": 0.02}, sensor.Imu),
+    "base_joint_offset": ({"x_m": 1e-3, "where": "leg 3"}, "platform"),
+    "platform_joint_offset": ({"z_m": 1e-3, "where": "leg 3"}, "platform"),
+    "leg_zero_offset": ({"length_m": 5e-4, "where": "leg 3"}, "platform"),
+    "gravity_direction": ({"about_x_rad": 2e-3}, "platform"),
+    "imu_orientation": ({"y_rad": 0.0175}, "sensor"),
+    "imu_position": ({"x_m": 0.05, "z_m": 0.02}, "sensor"),
 }
 
 
@@ -48,13 +47,14 @@ def hexapod():
 def test_a_balance_holds_again_with_the_effect(hexapod, name):
     """A noise-free log of the machine that is built so: what the effect leaves in its balance falls below a fifth of what it
     makes there; the rest (held volts, reversals) is in both."""
-    table, balance = CASES[name]
+    table, violated = CASES[name]
+    balance = balances.balance_named(violated, hexapod)
     built = changed(hexapod, {f"effects.{name}": table})
     problem = SimulatedProblem(logs=(motions.setpoint_log(hexapod, MOTION).head(4.0),), noise=NOISE)
     usual, log = problem.simulated(hexapod, 0), problem.simulated(built, 0)
     first = int((channels.SETTLE_S + 0.1) * log.rate)
-    floor = balance().residual(usual, hexapod)[:, first:-100]
-    without, with_it = (balance().residual(log, machine)[:, first:-100] for machine in (hexapod, built))
+    floor = balance.residual(usual, hexapod)[:, first:-100]
+    without, with_it = (balance.residual(log, machine)[:, first:-100] for machine in (hexapod, built))
     assert np.linalg.norm(with_it - floor) < 0.2 * np.linalg.norm(without - floor)
 
 

@@ -20,7 +20,7 @@ from hexsim.motion_computer import host_limiter
 from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
 from hexsim.signals import channels
-from hexsim.tracing.balances import balance_named
+from hexsim.tracing import balances
 from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.design import believed as columns
 from hexsim.tracing.design import information, motions, next_measurement, rest
@@ -361,7 +361,7 @@ def test_a_log_with_a_load_is_that_of_a_heavier_machine(bench, carrying):
     able, heavy, loaded = carrying
     for own, there, one in ((heavy, problem, loaded), (machine, problem, problem)):
         assert np.array_equal(one.answer(able, 0), there.answer(own, 0))
-        force = balance_named("force", machine)
+        force = balances.balance_named("force", machine)
         assert np.array_equal(force.residual(one.logs[0], able), force.residual(log, own))
 
 

@@ -9,7 +9,7 @@ from hexsim import HexsimError
 from hexsim.machine import load_machine, save_machine
 from hexsim.machine.files import changed
 from hexsim.signals import channels
-from hexsim.tracing.balances import library
+from hexsim.tracing import balances
 from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import fit, parameters, screening, selection
 from hexsim.tracing.fitting.parameters import named
@@ -41,14 +41,16 @@ def hexapod():
     machine = load_machine("micro_motion_system")
     log = heave_log(machine)
     simulated = SimulatedProblem(logs=(log,), noise=machine_noise(machine))
-    balances = [
-        balance for balance in library() if balance.name in ("platform", "sensor") and balance.wants(log, machine)
+    held = [
+        balance
+        for balance in balances.library()
+        if balance.name in ("platform", "sensor") and balance.wants(log, machine)
     ]
     parts = [
         balance_problem.BalanceRows(
             balance=one, sigma=np.ones(len(one.places(log))), rows=tuple(range(len(one.places(log))))
         )
-        for one in balances
+        for one in held
     ]
     return (
         machine,

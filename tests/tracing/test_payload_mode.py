@@ -8,8 +8,7 @@ from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import geometry, load_machine
 from hexsim.machine.files import changed
 from hexsim.signals.log import Log
-from hexsim.tracing import signature
-from hexsim.tracing.balances.platform import Platform
+from hexsim.tracing import balances, signature
 from hexsim.tracing.fitting import parameters
 from hexsim.tracing.steps import shapes
 
@@ -38,7 +37,8 @@ def test_the_platform_balance_holds_with_the_mode_and_shows_its_axis_without(pay
     machine = load_machine("micro_motion_system")
     log, with_mode = log_with(machine, **payload), changed(machine, {"effects": {"flexible_payload": payload}})
     pairs = ((log_with(machine, mass_kg=0.0), machine), (log, machine), (log, with_mode))
-    bare, without, left = (Platform().residual(own, one)[:, 1500:-500].std(axis=1) for own, one in pairs)
+    platform = balances.balance_named("platform", machine)
+    bare, without, left = (platform.residual(own, one)[:, 1500:-500].std(axis=1) for own, one in pairs)
     assert np.all(left < 1.1 * bare)
     assert np.max(without[:3] / bare[:3]) > 1.5
     shape = shapes.proposed_shapes(machine, [log])["flexible_payload"]
@@ -68,7 +68,10 @@ def test_the_platform_balance_has_the_legs_own_mass_in_surge():
     machine = changed(load_machine("micro_motion_system"), dry)
     log = log_with(machine, mass_kg=0.0)
     inner = slice(1500, -500)
-    surge, force = log.acceleration[0, inner], Platform().residual(log, machine)[0, inner]
+    surge, force = (
+        log.acceleration[0, inner],
+        balances.balance_named("platform", machine).residual(log, machine)[0, inner],
+    )
     beyond_kg = geometry.legs_beyond_body(resolve(machine))[0, 0]
     assert abs(beyond_kg) > 1.0
     assert abs(surge @ force / (surge @ surge)) < 0.2 * abs(beyond_kg)

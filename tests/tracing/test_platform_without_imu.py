@@ -12,8 +12,8 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.simulation import simulate
+from hexsim.tracing import balances
 from hexsim.tracing.balances import null
-from hexsim.tracing.balances.platform import Platform
 
 MACHINE = load_machine("micro_motion_system")
 MORE_KG = 30.0
@@ -39,7 +39,7 @@ def test_the_balance_needs_no_accelerometer(log):
     """With the hidden mass every residual is zero within twice what the accelerometers leave and 8 N (3 um of noise on the
     positions, twice differentiated, on 600 kg); without it F_z shows its weight, within 2 % of the same log with accelerometers."""
     bare = replace(log, acceleration=None, angular=None)
-    balance = Platform()
+    balance = balances.balance_named("platform", MACHINE)
     assert balance.measurable(bare, MACHINE) and IMU not in " ".join(bare.columns)
     rms = {
         kind: np.sqrt(np.mean(null.used(own, balance.residual(own, HIDDEN)) ** 2, axis=1)) for kind, own in (("imu", log), ("bare", bare))

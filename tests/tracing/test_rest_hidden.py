@@ -10,10 +10,9 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
-from hexsim.tracing import rules
+from hexsim.tracing import balances, rules
 from hexsim.tracing.balances import balance as points
-from hexsim.tracing.balances import bends, continuity, null, sensor
-from hexsim.tracing.balances.force import Force
+from hexsim.tracing.balances import bends, continuity, null
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, rest_hidden, rest_priors
 from hexsim.tracing.fitting.limits import reached
@@ -111,14 +110,15 @@ def test_the_report_says_which_parameter_known_how_well_would_show_an_effect():
 def test_a_gain_that_is_taken_out_leaves_the_noise_of_a_row_as_it_was():
     """Noise added to a log, transducers that show 10 % too much: it makes rows as large as without, within 4 %."""
     rng, machine = np.random.default_rng(11), BENCH
+    its = lambda name: balances.balance_named(name, BENCH)  # noqa: E731
     log = next(
         iter(logs.begin(Path(__file__).parents[1] / "data" / "bench_none", ["fit"], ["validate"]).fit_problem.logs)
     )
     noise = {"position_m": 3e-6, "pressure_bottom_Pa": 4e3, "pressure_supply_Pa": 4e3, "acceleration_m_s2": 0.02}
     noisy = null.with_noise(log, noise, 0.0, rng)
     for balance, names in (
-        (sensor.Sensor(), ("position_gain", "accelerometer_gain")), (Force(), ("pressure_gain",)),
-        (continuity.Continuity(), ("position_gain",)), (continuity.FastContinuity(0.0, 1.0), ("pressure_gain",)),
+        (its("sensor"), ("position_gain", "accelerometer_gain")), (its("force"), ("pressure_gain",)),
+        (its("continuity"), ("position_gain",)), (continuity.FastContinuity(0.0, 1.0), ("pressure_gain",)),
     ):  # fmt: skip
         sizes = []
         for change in (0.0, 0.1):

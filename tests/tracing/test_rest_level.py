@@ -14,11 +14,9 @@ from rough_machines import draw
 from hexsim.machine import load_machine
 from hexsim.signals import weak_form
 from hexsim.signals.log import Log
-from hexsim.tracing import rules
+from hexsim.tracing import balances, rules
 from hexsim.tracing.balances import balance as points
 from hexsim.tracing.balances import continuity, null
-from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, rest_evidence, rest_level, rest_priors
 from hexsim.tracing.fitting.parameters import named
@@ -27,6 +25,7 @@ from hexsim.tracing.problems import problem as problems
 from hexsim.tracing.steps import balance_search, dominant, logs, shapes, violations
 
 DATA = Path(__file__).parents[1] / "data"
+BENCH = load_machine(DATA / "bench_none")
 ROUGH = {
     "small_spool_lag": 150.0,
     "small_position_delay": 0.4,
@@ -133,7 +132,10 @@ def test_a_soft_chamber_stands_out_of_the_fast_continuity():
     )
     stiff, right = (float(rest_level.row_sizes([joint.residual(machine, 0)])[0]) for machine in (declared, soft))
     assert stiff > 1.5 and right == pytest.approx(1.0, abs=0.08)
-    slow = [continuity.Continuity().residual(problem.logs[0], machine)[0, 500:-100] for machine in (declared, soft)]
+    slow = [
+        balances.balance_named("continuity", machine).residual(problem.logs[0], machine)[0, 500:-100]
+        for machine in (declared, soft)
+    ]
     assert (stiff / right) ** 2 - 1.0 > 3.0 * ((np.std(slow[0]) / np.std(slow[1])) ** 2 - 1.0)
 
 
@@ -175,7 +177,7 @@ def test_a_hexapod_and_a_slow_log_have_no_fast_continuity():
 
 def test_a_row_whose_rest_is_new_five_times_as_often_counts_five_times():
     log = Log(name="fit", kind="bench", time=np.arange(1000) * 1e-2, rate=100.0, position=np.zeros((1, 1000)))
-    slow = balance_problem.BalanceRows(balance=continuity.Continuity(), sigma=np.ones(1), rows=(0,))
+    slow = balance_problem.BalanceRows(balance=balances.balance_named("continuity", BENCH), sigma=np.ones(1), rows=(0,))
     problem = balance_problem.BalanceProblem(
         logs=(log,), parts=(slow, replace(slow, rest_time_s=rules.REST_TIME_S / 5.0))
     )
@@ -266,7 +268,10 @@ def test_a_fast_row_is_no_other_residual_than_its_slow_one():
     log = Log(name="fit", kind="bench", time=np.arange(9) * 1e-3, rate=1e3, position=np.zeros((1, 9)))
     parts = [
         balance_problem.BalanceRows(balance=own, sigma=np.ones(1), rows=(0,))
-        for own in (continuity.Continuity(), Force(), continuity.FastContinuity())
+        for own in (
+            *(balances.balance_named(name, BENCH) for name in ("continuity", "force")),
+            continuity.FastContinuity(),
+        )
     ]
     problem = balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts))
     assert rest_evidence.harm_of(np.array([-0.1, 0.0, 1.8]), problem) == pytest.approx(0.0)
@@ -368,13 +373,13 @@ def test_effects_whose_columns_tell_little_leave_room_for_those_that_promise_mos
     assert dominant.worth_a_refit(asked, bending=False)[0][1] is leak
 
 
-def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod():
+def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod(hexapod):
     """A leak's is its leg's continuity alone; friction's and a spring's are the platform's six, which hold the legs' forces."""
     positions = np.zeros((6, 2))
     log = Log(name="fit", kind="hexapod", time=np.arange(2) * 1e-3, rate=1e3, position=positions)
     parts = [
         balance_problem.BalanceRows(balance=own, sigma=np.ones(6), rows=tuple(range(6)))
-        for own in (continuity.Continuity(), Platform())
+        for own in (balances.balance_named(name, hexapod) for name in ("continuity", "platform"))
     ]
     problem = balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts))
     assert rest_evidence.own_rows(named("leakage_supply_to_chamber", "leg 3"), problem) == [2]

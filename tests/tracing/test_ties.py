@@ -10,8 +10,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.signals import channels
-from hexsim.tracing import rules
-from hexsim.tracing.balances import balance_named
+from hexsim.tracing import balances, rules
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, screening, selection
 from hexsim.tracing.fitting.parameters import named
@@ -125,15 +124,15 @@ def test_a_hose_and_a_dead_volume_are_one_term(bench):
     the same; with air in the oil, E depends on the pressure and they are two. A leak is not the same term."""
     machine, log = bench
     sigma, possible = np.ones(1), parameters.candidates(machine)
-    part = balance.BalanceRows(balance=balance_named("continuity", machine), sigma=sigma, rows=(0,))
+    part = balance.BalanceRows(balance=balances.balance_named("continuity", machine), sigma=sigma, rows=(0,))
     for air, expected in ((0.0, {"dead_volume"}), (0.01, set())):
         aired = changed(machine, {"effects.entrained_air.volume_fraction": air})
         problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
-        balances = balance.BalanceProblem(logs=(log,), parts=(part,))
+        of_balances = balance.BalanceProblem(logs=(log,), parts=(part,))
         fit = least_squares.with_effects(
             least_squares.start_fit(aired, (), problem), [named("hose_compliance")], 0.6, problem
         )
-        found = ties.same_terms(fit, 0, possible, balances, problem)
+        found = ties.same_terms(fit, 0, possible, of_balances, problem)
         assert set(found) == expected
         for rival in found.values():
             hose = fit.values[0]["compliance_m3_Pa"]
@@ -145,17 +144,17 @@ def test_a_hose_reads_as_a_dead_volume_with_the_error_of_the_oil(bench):
     """V = C E: 1 % of C and 2 % of E, of which each may be wrong alone, are sqrt(5) % of V; wrong together
     in opposite directions, 1 %. Columns are finite differences: 1 %."""
     machine, log = bench
-    part = balance.BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
-    balances = balance.BalanceProblem(logs=(log,), parts=(part,))
+    part = balance.BalanceRows(balance=balances.balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
+    of_balances = balance.BalanceProblem(logs=(log,), parts=(part,))
     known = tuple(own for own in parameters.priors(machine) if "bulk_modulus" in own.key)
     fit = least_squares.with_effects(
-        least_squares.start_fit(machine, known, balances), [named("hose_compliance")], 0.6, balances
+        least_squares.start_fit(machine, known, of_balances), [named("hose_compliance")], 0.6, of_balances
     )
     hose, oil = fit.values[0]["compliance_m3_Pa"], machine.oil.bulk_modulus_Pa
     in_C, in_E = 0.01 * parameters.to_coordinate(fit.candidates[0].free()[0], hose), 0.02 / known[0].half_width
     for together, expected in ((0.0, np.sqrt(5.0)), (-1.0, 1.0)):
         covariance = np.array([[in_E**2, together * in_E * in_C], [together * in_E * in_C, in_C**2]])
-        read = read_as(dataclasses.replace(fit, covariance=covariance), 0, named("dead_volume"), balances)
+        read = read_as(dataclasses.replace(fit, covariance=covariance), 0, named("dead_volume"), of_balances)
         assert read.values["volume_m3"] == pytest.approx(hose * oil, rel=1e-3)
         assert read.standard_errors["volume_m3"] == pytest.approx(0.01 * expected * hose * oil, rel=1e-2)
 
@@ -164,14 +163,14 @@ def test_a_hose_reads_as_a_dead_volume_with_the_error_of_the_oil(bench):
 def test_an_incline_stands_for_a_force_of_its_sign_only(bench, force_N, expected):
     """m g (1 - cos) is a constant force that lifts: of one that pulls an incline is no other name (it was one, at 0 rad)."""
     machine, log = bench
-    part = balance.BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
+    part = balance.BalanceRows(balance=balances.balance_named("force", machine), sigma=np.ones(1), rows=(0,))
     problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     fit = least_squares.with_effects(
         least_squares.start_fit(machine, (), problem), [named("constant_force")], 0.1, problem
     )
     fit = dataclasses.replace(fit, values=({"force_N": force_N},))
-    balances = balance.BalanceProblem(logs=(log,), parts=(part,))
-    found = ties.same_terms(fit, 0, [named("incline"), named("mass_change")], balances, problem)
+    of_balances = balance.BalanceProblem(logs=(log,), parts=(part,))
+    found = ties.same_terms(fit, 0, [named("incline"), named("mass_change")], of_balances, problem)
     assert set(found) == expected
 
 
@@ -222,7 +221,7 @@ def test_only_what_the_balances_leave_open_is_tried_as_a_tie(bench):
     """In the continuity a hose and a dead volume do the same, a null offset does not; what the balance does not show (a mass)
     may be a tie, and for an effect that it does not show so may all. Nor does a mass reach a misfit that is all continuity."""
     machine, log = bench
-    part = balance.BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
+    part = balance.BalanceRows(balance=balances.balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
     problem = balance.BalanceProblem(logs=(log,), parts=(part,))
     fit = least_squares.parameter_columns(
         least_squares.start_fit(machine, parameters.priors(machine), problem), problem

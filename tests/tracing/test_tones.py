@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
+from hexsim.machine import load_machine
 from hexsim.signals.log import Log
+from hexsim.tracing import balances
 from hexsim.tracing.balances import continuity
-from hexsim.tracing.balances.force import Force
 from hexsim.tracing.fitting import rest_evidence
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems import balance
@@ -17,7 +18,8 @@ from hexsim.tracing.steps import dominant, shapes, violations
 from hexsim.tracing.steps import logs as trace_logs
 
 HUM_HZ, SAMPLES = 37.0, 1000
-BALANCES = (continuity.Continuity(), Force(), continuity.FastContinuity())
+BENCH = load_machine("bench")
+BALANCES = (*(balances.balance_named(name, BENCH) for name in ("continuity", "force")), continuity.FastContinuity())
 TONE = {"amplitude_N": 75.0, "frequency_Hz": HUM_HZ, "phase_rad": 0.3}
 SURE = rest_evidence.Evidence(
     candidate=named("outside_force_tone"), share=0.9, unseen=0.9, own=1.0, restored=(0.9, 0.9), remarkable=2.0, tied=(),

@@ -14,8 +14,8 @@ from hexsim.signals import channels
 from hexsim.signals.lag import lagged
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
-from hexsim.tracing.balances import null, sensor
-from hexsim.tracing.balances.force import Force
+from hexsim.tracing import balances
+from hexsim.tracing.balances import null
 from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -48,16 +48,17 @@ def test_a_lag_begins_at_none():
     assert (found[1] - s)[1:] == pytest.approx(-1e-9 * np.diff(s, axis=0) / SAMPLE_s, rel=1e-5, abs=1e-15)
 
 
-@pytest.mark.parametrize(("name", "balance"), [("position_lag", sensor.Sensor), ("pressure_lag", Force)])
-def test_a_balance_holds_again_with_the_lag(name, balance):
+@pytest.mark.parametrize(("name", "violated"), [("position_lag", "sensor"), ("pressure_lag", "force")])
+def test_a_balance_holds_again_with_the_lag(name, violated):
     """A noise-free log behind a lag of 50 Hz: what it leaves in its balance falls below a fifth with the effect declared."""
     bench = changed(load_machine("bench"), {"sensors": {}})
     built = changed(bench, {f"effects.{name}": {"time_constant_s": 1.0 / (2 * np.pi * 50.0)}})
     problem = SimulatedProblem(logs=(motions.setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
     usual, log = problem.simulated(bench, 0), problem.simulated(built, 0)
     inner = slice(round(log.rate), -100)
-    floor = balance().residual(usual, bench)[:, inner]
-    without, with_it = (balance().residual(log, machine)[:, inner] for machine in (bench, built))
+    balance = balances.balance_named(violated, bench)
+    floor = balance.residual(usual, bench)[:, inner]
+    without, with_it = (balance.residual(log, machine)[:, inner] for machine in (bench, built))
     assert np.linalg.norm(with_it - floor) < 0.2 * np.linalg.norm(without - floor)
 
 
@@ -73,7 +74,10 @@ def test_declared_filters_are_in_the_fits():
     assert problem.channels(0)[:2] == ["position_m", "pressure_bottom_Pa"]
     assert np.all(known[:2] < 1.05)
     assert ignored[0] > 10.0 and ignored[1] > 3.0
-    agreed, late = (np.std(null.used(log, sensor.Sensor().residual(log, machine))) for machine in (built, plain))
+    agreed, late = (
+        np.std(null.used(log, balances.balance_named("sensor", built).residual(log, machine)))
+        for machine in (built, plain)
+    )
     assert agreed < 0.3 * late
 
 
