@@ -24,7 +24,6 @@ from hexsim.machine import load_machine
 from hexsim.studies import inputs
 from hexsim.studies import journal as journals
 from hexsim.studies import sweep as sweeping
-from hexsim.studies.workers import Workers
 
 ROOT = Path(hexsim.__file__).parents[1]
 
@@ -392,18 +391,17 @@ def test_a_worker_that_dies_is_a_row_and_no_end(own, tmp_path):
     """sys.exit, os._exit and SIGKILL in a compensator, two processes: each such case is a failed row that says how, all
     others have their figures; again costs no run; --retry-failed runs the failed ones alone."""
     names = ["own_mod:Exits", "own_mod:Dies", "own_mod:Killed", "none"]
-    wanted, table = short(compensators=names, seeds=[0]), tmp_path / "t.parquet"
+    table = tmp_path / "t.parquet"
+    asked = f"sweep heave -m bench --duration 0.5 --workers 2 --json --out {table} -c {','.join(names)}".split()
 
-    def run(**options):
-        workers = Workers(2)
-        try:
-            return sweeping.sweep(wanted, workers, table, workers=2, **options)
-        finally:
-            workers.shutdown(cancel_futures=True)
+    def run(*more):
+        done = CliRunner().invoke(app, [*asked, *more])
+        assert done.exit_code == 1, done.output
+        return json.loads(done.stdout)["run_now"]
 
     assert run() == 4
     for again in (0, 3):
-        assert run(retry_failed=again > 0) == again
+        assert run(*["--retry-failed"] * (again > 0)) == again
         rows = pl.read_parquet(table)
         assert rows["compensator"].to_list() == names
         assert rows["complete"].to_list() == [False] * 3 + [True]

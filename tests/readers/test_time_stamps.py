@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -89,13 +90,16 @@ def test_a_slow_log_is_made_finer(clean, tmp_path):
     assert np.max(np.abs(slow.setpoint[0, 102:1900:4] - true[102:1900:4])) < 1e-7
 
 
-def test_a_dwell_at_an_end_stop_is_no_saturation():
-    """A position that comes to rest at its end is whole; the same cut off at speed is saturated."""
-    from hexsim.readers.faulty_values import saturated
-
+def test_a_dwell_at_an_end_stop_is_no_saturation(tmp_path):
+    """A signal that comes to rest at its end is whole; the same cut off at speed is saturated."""
     t = np.arange(6000) / 1000.0
     stroke = np.where(t < 3.0, 0.05 * (1.0 - np.cos(np.pi * np.minimum(t, 3.0) / 3.0)), 0.1)
     dwelling = 3e-6 * np.round(stroke / 3e-6)
-    assert saturated(dwelling) is None
-    limit, at = saturated(np.minimum(0.07 * np.sin(2 * np.pi * 0.5 * t), 0.05)) or (0.0, np.zeros(1))
-    assert limit == 0.05 and at.sum() > 500
+
+    def said(wave):
+        log = pl.DataFrame({"time_s": t, "setpoint_m": stroke, "position_m": stroke, "pressure_bottom_Pa": 1e7 * wave})
+        return [loss for loss in read_back(log, tmp_path).losses if "saturated" in loss]
+
+    assert said(dwelling) == []
+    [cut_off] = said(np.minimum(0.07 * np.sin(2 * np.pi * 0.5 * t), 0.05))
+    assert int(re.search(r"saturated at 500000 in (\d+) rows", cut_off)[1]) > 500

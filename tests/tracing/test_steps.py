@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 import hexsim as hx
 from hexsim.cli import app
 from hexsim.tracing import trace as tracing
-from hexsim.tracing.steps import STEPS
 
 DATA = Path(__file__).parents[1] / "data" / "bench_none"
 DOCS = Path(__file__).parents[2] / "docs" / "tracing.md"
@@ -28,12 +27,6 @@ def poor_machine(folder: Path, columns: list[str], seconds: float = 4.0) -> Path
         log = pl.read_csv(DATA / f"{name}.csv.gz").filter(pl.col("time_s") < seconds)
         log.select("time_s", *columns).write_csv(folder / f"{name}.csv")
     return folder
-
-
-def test_docs_have_a_row_for_every_step_in_its_order():
-    """docs/tracing.md names every step, in the order in which they run."""
-    names = re.findall(r"^\d+\. \*\*(.*?)\*\*:", DOCS.read_text(encoding="utf-8"), re.MULTILINE)
-    assert names == ["logs", *(step.name for step in STEPS)]
 
 
 def test_time_and_position_alone_drive_no_model(tmp_path):
@@ -59,9 +52,10 @@ def test_position_and_one_drive_end_in_a_verdict(tmp_path, drive):
 
 
 def test_every_step_says_what_it_decided(tmp_path):
-    """report.json lists the steps in their order, each with seconds and one sentence."""
+    """report.json lists the steps in their order, as docs/tracing.md does, each with seconds and one sentence."""
     result = hx.trace(poor_machine(tmp_path, ["position_m", "setpoint_m"]))
-    assert [line["name"] for line in result.report["steps"]] == ["logs", *(step.name for step in STEPS)]
+    names = re.findall(r"^\d+\. \*\*(.*?)\*\*:", DOCS.read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(names) > 5 and [line["name"] for line in result.report["steps"]] == names
     for line in result.report["steps"]:
         assert line["seconds"] >= 0.0 and len(line["sentence"]) > 5 and "\n" not in line["sentence"]
 

@@ -17,7 +17,6 @@ from hexsim.machine import load_machine
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
 from hexsim import web
 from hexsim.web import knobs as sliders
-from hexsim.web.session import Asked
 
 PATIENCE_S = 60.0  # of a test on a computer that is busy
 
@@ -37,7 +36,7 @@ def test_the_command_on_the_page_is_the_machine_of_its_sliders(name):
     machine, scenario = load_machine(name), load_scenario("heave")
     session = web.Session(machine, scenario)
     far = {knob.name: knob.high for knob in sliders.knobs(machine)}
-    asked = Asked(knobs=far, motion="heave", amplitude=30.0, frequency_Hz=0.4)
+    asked = web.Asked(knobs=far, motion="heave", amplitude=30.0, frequency_Hz=0.4)
     words = shlex.split(session.command(asked, name, "heave"))
     assert words[:5] == ["hexsim", "run", "heave", "--machine", name]
     given = [word for flag, word in zip(words, words[1:], strict=False) if flag == "--set"]
@@ -52,11 +51,11 @@ def test_what_cannot_be_is_refused_and_the_machine_stays():
     session = web.Session(load_machine("bench"), load_scenario("heave"))
     session.start()
     try:
-        session.ask(Asked(knobs={"load": 1e5}, motion="heave", amplitude=50.0, frequency_Hz=0.5))
+        session.ask(web.Asked(knobs={"load": 1e5}, motion="heave", amplitude=50.0, frequency_Hz=0.5))
         wait_until(lambda: session.shown().error)
         assert "outside" in session.shown().error and session.live.machine == session.declared
         assert session.shown().asked.knobs == {}
-        session.ask(Asked(knobs={"load": 60.0}, motion="heave", amplitude=50.0, frequency_Hz=0.5))
+        session.ask(web.Asked(knobs={"load": 60.0}, motion="heave", amplitude=50.0, frequency_Hz=0.5))
         wait_until(lambda: session.live.machine.load.moving_mass_kg == 60.0)
         assert session.shown().error == ""
     finally:
