@@ -63,7 +63,7 @@ def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):
 
 def test_nothing_missing():
     """bench_none: the declared machine with its parameters refitted is enough, and detectable sizes stand for the rest."""
-    result = hx.trace(DATA / "bench_none", ["fit", "sweep"])
+    result = hx.trace(DATA / "bench_none")
     assert result.report["verdict"] == "nothing missing"
     assert result.report["effects"] == [] and result.report["unexplained"] == []
     assert not any(balance["violated"] for balance in result.report["balances"])
