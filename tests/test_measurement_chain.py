@@ -4,9 +4,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim import HexsimError, load_scenario
+from hexsim import HexsimError, load_scenario, readers
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
 from hexsim.sensors import measurement_chain
 from hexsim.simulation import simulate
 
@@ -117,7 +116,7 @@ def test_readers_of_measured_logs_take_the_volts(tmp_path):
     run = simulate(load_machine("bench"), load_scenario("heave", duration_s=3.0), seed=1)
     chain = measurement_chain.load_chain()
     measurement_chain.export_scope(run.log, tmp_path / "scope.csv", chain)
-    read = read_log(tmp_path / "scope.csv", measurement_chain.mapping_path(tmp_path / "scope.csv"))
+    read = readers.read_log(tmp_path / "scope.csv", measurement_chain.mapping_path(tmp_path / "scope.csv"))
     assert read.kind == "bench"
     for name in ("position_m", "pressure_bottom_Pa", "acceleration_m_s2"):
         error = read.columns[name] - run.log[name].to_numpy()[: len(read.columns[name])]

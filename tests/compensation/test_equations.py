@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compensation import Context, damping_design, least_squares, loop_feedback, records
-from compensation.spool_model import free_motion
+from compensation import Context, damping_design, least_squares, loop_feedback, records, spool_model
 
 TICK_S, SPOOL_S, DAMPING, LOW_Hz, HIGH_Hz, TAPS = 2e-3, 3.7e-3, 0.7, 15.0, 65.0, 7
 DESIGN = records.record(damping_count="i8", damping_low_Hz="f8", damping_high_Hz="f8", spool_damping="f8", tick_s="f8")
@@ -109,7 +108,7 @@ def test_the_spool_is_that_of_its_equation(damping: float) -> None:
     differences, under and over critical damping and next to it."""
     w, h = 2 * math.pi * 60.0, 1e-7
     for t in (1e-4, 2e-3, 8e-3):
-        (c0, s0), (c, s), (c1, s1) = (np.array(free_motion(damping, w, t + d)) for d in (-h, 0.0, h))
+        (c0, s0), (c, s), (c1, s1) = (np.array(spool_model.free_motion(damping, w, t + d)) for d in (-h, 0.0, h))
         scale = 1.0 + damping
         assert (s1 - s0) / (2 * h) == pytest.approx(c - damping * w * s, abs=1e-5 * scale)
         assert (c1 - c0) / (2 * h * w) == pytest.approx(-damping * c - w * (1 - damping**2) * s, abs=1e-5 * scale**2)

@@ -8,7 +8,7 @@ from leg_plant import Leg, run, sine
 from scipy.signal import butter, sosfiltfilt
 
 import compensation
-from compensation.started import Started
+from compensation import started as warm_start
 from hexsim.machine import load_machine
 from hexsim.simulation import hosted
 
@@ -32,7 +32,7 @@ def test_what_a_twin_taught_acts_from_the_first_motion(mass_kg: float) -> None:
     last four less than a tenth."""
     adaptive, plain = compensation.create("adaptive"), compensation.create("none")
     taught = adaptive.parameters(run(adaptive, Leg(mass_kg=mass_kg), duration_s=30.0, seed=1).state)
-    started, bare = (bumps(made, mass_kg) for made in (Started(adaptive, taught), plain))
+    started, bare = (bumps(made, mass_kg) for made in (warm_start.Started(adaptive, taught), plain))
     assert started[0] < bare[0] / 3.0 and (started[1:] < bare[1:] / 10.0).all()
 
 

@@ -14,8 +14,17 @@ from hypothesis import strategies as st
 from leg_plant import run
 
 import compensation
-from compensation import Compensator, Context, Sample, check_parameters, compensator, guard, records, volts_bound
-from compensation.started import Started
+from compensation import (
+    Compensator,
+    Context,
+    Sample,
+    check_parameters,
+    compensator,
+    guard,
+    records,
+    started,
+    volts_bound,
+)
 from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer import compensator_packet
@@ -100,7 +109,7 @@ def test_the_gate_is_the_same_for_every_algorithm(name) -> None:
     made.restore(CONTEXT, own)
     for bad in (None, [], 3, *(with_value(own, place, math.nan) for place in places(own)[:6])):
         with pytest.raises(ValueError, match="start parameters of"):
-            Started(made, bad).start(CONTEXT)
+            started.Started(made, bad).start(CONTEXT)
 
 
 def test_files_and_packets_go_through_it(learned, tmp_path) -> None:

@@ -16,9 +16,8 @@ import pytest
 from typer.testing import CliRunner
 
 import compensation
-from compensation import Context, Sample
+from compensation import Context, Sample, native
 from compensation import legs as compensator_legs
-from compensation.native import native as described
 from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
 from hexsim.export import compensator
@@ -268,7 +267,7 @@ REFUSED = [("stroke_m", math.nan), ("tick_s", 0.0), ("area_bottom_m2", 0.0), ("l
 
 def test_settings_that_no_machine_has_are_refused(exported):
     """init says which number: not finite, not above zero, or more than the state has room for."""
-    dll, made = ctypes.CDLL(str(exported / "libhexsim_adaptive.so")), described("adaptive")
+    dll, made = ctypes.CDLL(str(exported / "libhexsim_adaptive.so")), native.native("adaptive")
     call = {each: getattr(dll, f"hexsim_adaptive_{each}") for each in ("init", "state_size")}
     state, good = np.zeros(call["state_size"]()), made.settings_of(made.algorithm(), CONTEXT).view(np.float64)
     for setting, value in REFUSED:
@@ -288,7 +287,7 @@ def test_learned_numbers_go_into_the_header():
     names = re.search(r"Places in `parameters`. \*/\nenum \{([^}]*)\}", text)
     assert array and names
     numbers, places = ([part.strip() for part in found[1].split(",")] for found in (array, names))
-    assert len(numbers) == len(places) == described("adaptive").learned.itemsize // 8
+    assert len(numbers) == len(places) == native.native("adaptive").learned.itemsize // 8
     assert float(numbers[places.index("HEXSIM_ADAPTIVE_LEARNED_NUMBERS_MASS")]) == 54321.5
 
 

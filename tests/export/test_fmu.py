@@ -25,7 +25,8 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi2 import FMU2Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
-from hexsim.export import export_fmu, toolchain  # noqa: E402
+from hexsim import export  # noqa: E402
+from hexsim.export import toolchain  # noqa: E402
 from hexsim.export.variables import variables_of  # noqa: E402
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
@@ -151,7 +152,7 @@ def fmus(tmp_path_factory):
             folder = tmp_path_factory.mktemp(name)
             source, model, changes, step = MACHINES[name]
             machine = changed(load_machine(source), changes)
-            export_fmu(machine, folder / "machine.fmu", model=model, timestep=step)
+            export.export_fmu(machine, folder / "machine.fmu", model=model, timestep=step)
             made[name] = folder / "machine.fmu", Fmu(folder / "machine.fmu", folder / "unpacked")
         return made[name]
 
@@ -220,7 +221,7 @@ def test_own_joints_and_legs_that_differ_are_those_of_the_plant(own_legs, change
     """Volts in: every output is that of `Plant` within 1e-7, rounding of two ways to step tendons; a parameter of the
     machine leaves alone the leg that has its own, as in machine.toml."""
     path = tmp_path / "own.fmu"
-    export_fmu(own_legs, path, model="tendon", timestep=1e-4)
+    export.export_fmu(own_legs, path, model="tendon", timestep=1e-4)
     fmu, volts = Fmu(path, tmp_path / "unpacked"), volts_of(6)
     found, wanted = fmu.run(fmu.instance(changes), volts), by_plant(changed(own_legs, changes), "tendon", volts, 1e-4)
     assert np.ptp(wanted[:, 2]) > 1e-3
@@ -478,5 +479,5 @@ def test_without_the_compiler_the_sentence_says_what_to_install(bench, tmp_path,
     """The wheel `ziglang` is an extra."""
     monkeypatch.setattr(toolchain.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(HexsimError, match=r"pip install hexsim\[fmu\]"):
-        export_fmu(bench, tmp_path / "no.fmu")
+        export.export_fmu(bench, tmp_path / "no.fmu")
     assert list(tmp_path.iterdir()) == []

@@ -24,7 +24,8 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi2 import FMU2Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
-from hexsim.export import export_fmu, native  # noqa: E402
+from hexsim import export  # noqa: E402
+from hexsim.export import native  # noqa: E402
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
 TICK = 0.002
@@ -51,7 +52,7 @@ def test_it_is_a_run_without_noise(name, tmp_path):
     source, changes = CASES[name]
     machine = changed(load_machine(source), SILENT | changes | {"sensors.position_resolution_m": 0.0})
     path, n = tmp_path / "machine.fmu", machine.n_legs
-    export_fmu(machine, path, what="machine", model="tendon", timestep=STEP)
+    export.export_fmu(machine, path, what="machine", model="tendon", timestep=STEP)
     assert validate_fmu(str(path)) == []
     scenario = replace(load_scenario("combined" if machine.is_hexapod else "heave"), duration_s=0.6, fade_s=0.2)
     log = simulate(machine, scenario, fast=True, timestep=STEP).log
@@ -145,7 +146,7 @@ def test_states_steps_and_sensors_of_a_motion_computer(bench, tmp_path):
     """A state kept in mid-motion goes on to the bit, the controllers' memory with it; half a tick is refused; so is a
     machine whose sensor is late."""
     path = tmp_path / "machine.fmu"
-    export_fmu(changed(bench, {"controller.integral_time_s": 1.0}), path, what="machine")
+    export.export_fmu(changed(bench, {"controller.integral_time_s": 1.0}), path, what="machine")
     fmu = Slave(path, tmp_path / "unpacked")
     start = float(fmu.variables["setpoint_m"].start)
     inputs = start + 0.02 * np.sin(0.1 * np.arange(60))[:, None]
@@ -160,7 +161,7 @@ def test_states_steps_and_sensors_of_a_motion_computer(bench, tmp_path):
         fmu.fmu.doStep(1.0, 0.5 * TICK)
     late = changed(bench, {"effects.position_delay.delay_s": 0.002})
     with pytest.raises(HexsimError, match="late or filtered"):
-        export_fmu(late, path, what="machine")
+        export.export_fmu(late, path, what="machine")
 
 
 def test_the_compensators_inside_feel_all_legs():

@@ -11,8 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 import hexsim as hx
+from hexsim import export
 from hexsim.cli import app
-from hexsim.export import export_plugin, plugin
+from hexsim.export import plugin
 from hexsim.plant import Plant
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
@@ -44,7 +45,7 @@ np.save(out, np.vstack([places, np.full(model.nu, at_home)]))
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The bench's plugin for this system: the compiler makes the C library of another one at its first use, which takes a minute."""
-    export_plugin(hx.load_machine("bench"), out := tmp_path_factory.mktemp("plugin"), systems=["linux64"])
+    export.export_plugin(hx.load_machine("bench"), out := tmp_path_factory.mktemp("plugin"), systems=["linux64"])
     return out
 
 
@@ -167,7 +168,7 @@ def test_what_a_leg_cannot_hold_is_refused(tmp_path):
         (hx.load_machine("bench"), 1.0, "1e-6 to 1e-3 is possible"),
     ):
         with pytest.raises(hx.HexsimError, match=sentence):
-            export_plugin(machine, tmp_path / "out", step)
+            export.export_plugin(machine, tmp_path / "out", step)
     assert not (tmp_path / "out").exists()
 
 

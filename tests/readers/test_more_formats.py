@@ -23,7 +23,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from hexsim import HexsimError, readers
-from hexsim.readers import files, read_log
+from hexsim.readers import files
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 FORMATS = ("tdms", "h5", "npz", "jsonl", "xlsx", "uff")
@@ -86,7 +86,7 @@ def test_what_was_written_is_read(columns, tmp_path, suffix):
     """A bench log through each format: all signals, times within 1 us (the single precision of UFF: 1e-5 of the position),
     1000 Hz, nothing missing; and the name is found in its folder."""
     write(tmp_path / f"run.{suffix}", columns)
-    log = read_log(readers.log_files(tmp_path, "run"))
+    log = readers.read_log(readers.log_files(tmp_path, "run"))
     want = pl.DataFrame(columns)
     for stem in ("setpoint_m", "position_m", "valve_V", "pressure_bottom_Pa", "acceleration_m_s2"):
         found = np.ravel(log.signal(stem.rpartition("_")[0] if stem != "acceleration_m_s2" else "acceleration"))
@@ -126,7 +126,7 @@ def test_channels_with_clocks_of_their_own(columns, tmp_path):
         {"columns": {"pressure_bottom_Pa": {"from": "b.pressure_bottom", "unit": "bar"}}}
     )
     for path, mapping in ((tmp_path / "wave.tdms", None), (tmp_path / "groups.h5", bar)):
-        log = read_log(path, mapping)
+        log = readers.read_log(path, mapping)
         found, at = np.ravel(log.signal("pressure_bottom")), np.round(1e3 * log.time).astype(int)
         begins = round(1e3 * (time[0] if "h5" in path.name else 0.0))
         whole = columns["pressure_bottom_Pa"][at - begins]
@@ -176,7 +176,7 @@ def test_bags_of_every_kind(columns, tmp_path, kind):
     mapping = readers.Mapping.model_validate(
         {"kind": "bench", "columns": {c: {"from": f"{t[1:]}.fluid_pressure"} for t, c in names.items()}}
     )
-    log = read_log(path, mapping)
+    log = readers.read_log(path, mapping)
     for column in names.values():
         found = np.ravel(log.signal(column.rpartition("_")[0]))
         np.testing.assert_allclose(found, columns[column][: len(found)], rtol=1e-12)
@@ -309,7 +309,7 @@ time_s = {from = "T"}
 "pressure_bottom_{leg}_Pa" = {from = "P{leg}"}
 """
     )
-    log = read_log(tmp_path / "run.csv")
+    log = readers.read_log(tmp_path / "run.csv")
     for leg in true:
         found = np.asarray(log.columns[f"position_{leg}_m"])
         assert np.ptp(found - true[leg]) < 8e-6  # two counts; a counter does not know its turn
@@ -330,7 +330,7 @@ def test_mappings_that_make_no_sense_are_refused(tmp_path, line, sentence):
     (tmp_path / "run.csv").write_text("time_s,x\n0,1\n1,2\n2,3\n")
     (tmp_path / "mapping.toml").write_text(f"[columns]\n{line}\n")
     with pytest.raises(HexsimError, match=sentence) as refused:
-        read_log(tmp_path / "run.csv")
+        readers.read_log(tmp_path / "run.csv")
     assert str(tmp_path / "mapping.toml") in str(refused.value)
 
 
@@ -355,7 +355,7 @@ def test_results_of_modelica_tools_by_name(tmp_path):
     }
     scipy.io.savemat(tmp_path / "run.mat", tables, format="4")
     signals = {"position_m": {"from": "cylinder.s"}, "pressure_bottom_Pa": {"from": "volume.p"}}
-    log = read_log(tmp_path / "run.mat", readers.Mapping.model_validate({"kind": "bench", "columns": signals}))
+    log = readers.read_log(tmp_path / "run.mat", readers.Mapping.model_validate({"kind": "bench", "columns": signals}))
     np.testing.assert_allclose(log.columns["position_m"], position[: log.n], atol=1e-9)
     np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], pressure[: log.n], rtol=1e-9)
     found = {signal.name: signal.values for signal in files.raw_log(tmp_path / "run.mat").signals}
@@ -386,7 +386,7 @@ def test_twincat_scope_has_a_time_for_each_channel(tmp_path):
         "position_m": {"from": "MAIN.Pos", "unit": "mm"},
         "pressure_bottom_Pa": {"from": "MAIN.p", "unit": "bar"},
     }
-    log = read_log(tmp_path / "run.txt", readers.Mapping.model_validate({"kind": "bench", "columns": columns}))
+    log = readers.read_log(tmp_path / "run.txt", readers.Mapping.model_validate({"kind": "bench", "columns": columns}))
     np.testing.assert_allclose(log.columns["position_m"], 1e-3 * position[: log.n], atol=1e-8)
     np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], 1e5 * pressure[: log.n], atol=2.0)
     assert log.weight("pressure_bottom_Pa").mean() == pytest.approx(0.5, abs=0.01)

@@ -11,7 +11,6 @@ import polars as pl
 import pytest
 
 from hexsim import readers
-from hexsim.readers import read_log
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tracing"))
@@ -27,7 +26,7 @@ def clean() -> pl.DataFrame:
 
 def read_back(table: pl.DataFrame, folder: Path):
     table.write_csv(folder / "fit.csv")
-    return read_log(folder / "fit.csv")
+    return readers.read_log(folder / "fit.csv")
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.startswith("stamps") and "10 ms" not in case])

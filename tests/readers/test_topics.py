@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexsim import HexsimError, readers
-from hexsim.readers import files, read_log
+from hexsim.readers import files
 
 pytest.importorskip("mcap", reason="pip install hexsim[ros]")
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="pip install hexsim[ros]")
@@ -71,7 +71,7 @@ def test_a_slower_topic_is_interpolated_and_weighs_less(bag):
     mapping = readers.Mapping.model_validate(
         {"kind": "own", "columns": {"joint": {"from": "position.a"}, "turn_rad_s": {"from": "angular_velocity.z"}}}
     )
-    log = read_log(bag, mapping)
+    log = readers.read_log(bag, mapping)
     assert (log.rate, log.n) == (100.0, 199)
     assert log.columns["turn_rad_s"] == pytest.approx(2 * log.time, abs=1e-9)
     assert log.columns["joint"] == pytest.approx(np.sin(log.time), abs=1e-12)

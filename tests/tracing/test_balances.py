@@ -11,7 +11,6 @@ from other_plant import write_machine
 from hexsim import readers
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
 from hexsim.signals import channels
 from hexsim.tracing import balances, rules
 from hexsim.tracing.balances import continuity
@@ -65,7 +64,7 @@ def test_a_file_in_the_folder_is_a_balance_that_is_traced_and_reported(a_folder_
     """It stands in its place of the order, in the violations of a log, in the residuals looked at and in the report's captions."""
     monkeypatch.setattr(rules, "NULL_SEEDS", 2)
     machine = load_machine(DATA / "bench_none")
-    log = read_log(readers.log_files(DATA / "bench_none", "fit")).head(4.0)
+    log = readers.read_log(readers.log_files(DATA / "bench_none", "fit")).head(4.0)
     problem = SimulatedProblem(logs=(replace(log, name="fit"),), noise=channels.noise_of(machine, [log]))
     names = [balance.name for balance in balances.library()]
     assert names.index("sensor") < names.index("loop") < names.index("supply")
@@ -98,7 +97,7 @@ def test_a_valve_delay_of_a_broken_sample_is_one():
 def test_what_a_log_keeps_of_machines_asked_before_changes_no_residual(tmp_path):
     """After ten machines that differ in one leg's leak, its supply reading and its IMU, each balance is as on a log that is new."""
     write_machine(tmp_path, 3, {}, "hexapod", runs=("fit",), duration_s=1.0)
-    machine, log = load_machine(tmp_path), read_log(readers.log_files(tmp_path, "fit"))
+    machine, log = load_machine(tmp_path), readers.read_log(readers.log_files(tmp_path, "fit"))
     asked = [
         parameters.with_settings(
             machine, {}, [(candidate, candidate.start() | {candidate.effect.parameters[0].name: size})]
@@ -121,7 +120,7 @@ def test_what_a_log_keeps_of_machines_asked_before_changes_no_residual(tmp_path)
 def test_a_balance_at_some_samples_is_the_one_of_all(tmp_path, kind):
     """What fits ask for, every 20th sample, is what the whole residual has there, to rounding of what it is a difference of."""
     write_machine(tmp_path, 3, {}, kind, runs=("fit",), duration_s=1.0)
-    machine, log = load_machine(tmp_path), read_log(readers.log_files(tmp_path, "fit"))
+    machine, log = load_machine(tmp_path), readers.read_log(readers.log_files(tmp_path, "fit"))
     at = slice(300, log.n - 60, 20)
     used = [balance for balance in balances.library() if balance.wants(log, machine)]
     assert {"supply", "continuity", "sensor", "force"} <= {balance.name for balance in used}

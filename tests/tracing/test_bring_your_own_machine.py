@@ -10,7 +10,6 @@ import pytest
 
 from hexsim import readers
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
 from hexsim.signals import table as signal_table
 from hexsim.tracing.checks import checks
 
@@ -47,7 +46,7 @@ def my_machine(tmp_path) -> Path:
 
 def test_the_mapping_of_the_page_reads_a_foreign_log(my_machine):
     """Step 3: mapping.toml beside the log gives the measured-log columns, and the checks are silent."""
-    log = read_log(my_machine / "fit.csv")
+    log = readers.read_log(my_machine / "fit.csv")
     raw = pl.read_csv(DATA / "bench_none" / "fit.csv.gz")
     n = len(log.time)
     assert n == 10_000 - 4  # the late channel ends 4 samples early

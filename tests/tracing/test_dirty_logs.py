@@ -11,8 +11,8 @@ import polars as pl
 import pytest
 
 import hexsim as hx
+from hexsim import readers
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
 from hexsim.tracing import balances
 from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -37,7 +37,7 @@ def machine():
 
 @pytest.fixture(scope="module")
 def log():
-    return read_log(LEAKING / "fit.csv.gz").head(4.0)
+    return readers.read_log(LEAKING / "fit.csv.gz").head(4.0)
 
 
 def folder_with(case: str, folder: Path, seed: int = 1, names: tuple[str, ...] = ("fit", "sweep", "validate")) -> Path:

@@ -8,7 +8,6 @@ import pytest
 
 from hexsim import readers
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
 from hexsim.signals import channels
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import fit as least_squares
@@ -49,7 +48,7 @@ def test_a_share_of_the_run_counts_as_before():
 @pytest.fixture(scope="module")
 def opening() -> SimulatedProblem:
     """Four seconds of a bench that leaks."""
-    log = read_log(readers.log_files(DATA, "fit")).head(4.0)
+    log = readers.read_log(readers.log_files(DATA, "fit")).head(4.0)
     return SimulatedProblem(logs=(log,), noise=channels.noise_of(load_machine(DATA), [log]))
 
 

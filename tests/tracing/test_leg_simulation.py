@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexsim import readers
 from hexsim.hydraulics import chamber
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
 from hexsim.signals import channels
 from hexsim.simulation import simulate
@@ -158,7 +158,7 @@ def test_the_true_machine_answers_the_log(folder):
     off = {p: truth["parameters"][keys[p.key]] / p.declared - 1 for p in parameters.priors(machine)}
     width = truth["undeclared"].get("valve_hysteresis")
     effects = [(named("valve_hysteresis"), {"half_width_V": width})] if width else []
-    log = read_log(DATA / folder / "validate.csv.gz")
+    log = readers.read_log(DATA / folder / "validate.csv.gz")
     problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     misfit = problem.misfit([parameters.with_settings(machine, off, effects)])[0][0]
     assert np.sqrt(np.mean(misfit**2, axis=1)) == pytest.approx(1.0, abs=0.03)
@@ -189,7 +189,7 @@ def test_two_chambers_answer_the_log(folder):
     }  # fmt: skip
     off = {p: true[keys[p.key]] / p.declared - 1 for p in parameters.priors(machine)}
     effects = [(named("leakage_across_piston"), {"conductance_m3_s_Pa": leak})] if leak else []
-    log = read_log(source / "validate.csv.gz").head(6.0)
+    log = readers.read_log(source / "validate.csv.gz").head(6.0)
     problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     misfit = problem.misfit([parameters.with_settings(machine, off, effects)])[0][0]
     assert len(misfit) == 5

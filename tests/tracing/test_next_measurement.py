@@ -12,12 +12,11 @@ import pytest
 from other_plant import driven, measured, write_machine
 from typer.testing import CliRunner
 
-from hexsim import HexsimError
+from hexsim import HexsimError, readers
 from hexsim.cli import app
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer import host_limiter
-from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
 from hexsim.signals import channels
 from hexsim.tracing import balances
@@ -40,7 +39,7 @@ LEAK = 2.5e-12
 @pytest.fixture(scope="module")
 def bench():
     machine = load_machine(DATA / "bench_leakage")
-    log = read_log(DATA / "bench_leakage" / "validate.csv.gz").head(5.0)
+    log = readers.read_log(DATA / "bench_leakage" / "validate.csv.gz").head(5.0)
     return machine, log, SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
 
 

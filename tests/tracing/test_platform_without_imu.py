@@ -7,10 +7,9 @@ import polars as pl
 import pytest
 
 import hexsim as hx
-from hexsim import load_scenario
+from hexsim import load_scenario, readers
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.readers import read_log
 from hexsim.simulation import simulate
 from hexsim.tracing import balances
 from hexsim.tracing.balances import null
@@ -32,7 +31,7 @@ def logged(place, scenario, name, duration_s, seed):
 def log(tmp_path_factory):
     place = tmp_path_factory.mktemp("hexapod")
     logged(place, "multisine", "fit", 3.0, 1)
-    return read_log(place / "fit.csv")
+    return readers.read_log(place / "fit.csv")
 
 
 def test_the_balance_needs_no_accelerometer(log):

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexsim import readers
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.readers import read_log
 from hexsim.signals import channels
 from hexsim.tracing import balances, rules
 from hexsim.tracing.fitting import fit as least_squares
@@ -27,7 +27,7 @@ DATA = Path(__file__).parents[1] / "data"
 def bench():
     """The declared bench and the opening seconds of its held-out log."""
     machine = load_machine(DATA / "bench_none")
-    return machine, read_log(DATA / "bench_none" / "validate.csv.gz").head(5.0)
+    return machine, readers.read_log(DATA / "bench_none" / "validate.csv.gz").head(5.0)
 
 
 def test_more_oil_can_stand_for_a_softer_hose(bench):
