@@ -4,8 +4,9 @@ import os
 
 import pytest
 
-from hexsim.hydraulics.parameters import declared_rows
-from hexsim.machine import Machine, load_machine
+from hexsim import Machine
+from hexsim.hydraulics import parameters
+from hexsim.machine import load_machine
 
 os.environ["HEXSIM_NO_PROGRESS"] = "1"  # stderr holds sentences alone, on a slow computer and with an empty cache too
 
@@ -25,4 +26,4 @@ def hexapod() -> Machine:
 @pytest.fixture
 def row(bench):
     """A fresh row (N_PARAMETERS,) of the bench's leg, to be changed at will."""
-    return declared_rows(bench)[0]
+    return parameters.declared_rows(bench)[0]

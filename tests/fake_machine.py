@@ -13,15 +13,17 @@ import time
 
 import numpy as np
 
+from hexsim.motion_computer import host_packet, monitors, states, telemetry
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.host_packet import HostCommand, Reply, unpack_command
-from hexsim.motion_computer.monitors import velocity_gain
-from hexsim.motion_computer.states import State
-from hexsim.motion_computer.telemetry import Telemetry
 
 STEP_s = 1e-3
 VISIBLE_m = 0.01
-NEXT = {"start": State.NEUTRAL, "run_normal": State.NORMAL, "return_neutral": State.NEUTRAL, "settle": State.OFF}
+NEXT = {
+    "start": states.State.NEUTRAL,
+    "run_normal": states.State.NORMAL,
+    "return_neutral": states.State.NEUTRAL,
+    "settle": states.State.OFF,
+}
 
 
 class FakeMachine:
@@ -44,11 +46,11 @@ class FakeMachine:
         )
         self.n, self.mechanics, self.down_s = machine.n_legs, machine.mechanics, down_s
         self.gain, self.limit = machine.of_legs("controller", "gain_V_per_m"), machine.of_legs("valve", "voltage_max_V")
-        self.velocity_gain = velocity_gain(machine)
+        self.velocity_gain = monitors.velocity_gain(machine)
         self.stroke = machine.of_legs("cylinder", "stroke_m")
         self.position = self.mechanics.neutral_positions.copy()
         self.read, self.held, self.twin = self.position.copy(), None, self.position.copy()
-        self.state, self.time_s, self.host_s, self.sequence = State.OFF, 0.0, None, 0
+        self.state, self.time_s, self.host_s, self.sequence = states.State.OFF, 0.0, None, 0
         self.moving_since_s = self.broke_s = self.visible_s = self.stopped_s = self.settling_s = None
         self.rows, self.random, self.packets = [], np.random.default_rng(0), 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -75,7 +77,7 @@ class FakeMachine:
                 continue
             except OSError:
                 continue
-            command = unpack_command(data)
+            command = host_packet.unpack_command(data)
             if command is not None:
                 self.packets += 1
                 self._answer(command, peer)
@@ -87,27 +89,27 @@ class FakeMachine:
     def _lying(self):
         return self.moving_since_s is not None and self.time_s - self.moving_since_s >= self.at_s
 
-    def _answer(self, command: HostCommand, peer):
+    def _answer(self, command: host_packet.HostCommand, peer):
         self.rows.append((self.state, np.array(command.setpoints)))
-        if command.command in NEXT and not (self.state == State.OFF and command.command != "start"):
+        if command.command in NEXT and not (self.state == states.State.OFF and command.command != "start"):
             if self.broke_s is not None and self.stopped_s is None and command.command in ("settle", "return_neutral"):
                 self.stopped_s = self.time_s
             self.state = NEXT[command.command]
-            if self.state == State.NORMAL:
+            if self.state == states.State.NORMAL:
                 self.moving_since_s = self.time_s
-            if self.state == State.OFF:
-                self.state, self.settling_s = State.SETTLING, self.time_s
+            if self.state == states.State.OFF:
+                self.state, self.settling_s = states.State.SETTLING, self.time_s
         elapsed = 0.01 if self.host_s is None else command.time_s - self.host_s
         self.host_s = command.time_s
         setpoint = self.mechanics.piston_positions(np.array(command.setpoints))
         rows = [self._step(setpoint) for _ in range(round(max(elapsed, 0.0) / STEP_s))]
-        if self.state == State.SETTLING and self.time_s - self.settling_s >= self.down_s:
-            self.state = State.OFF
+        if self.state == states.State.SETTLING and self.time_s - self.settling_s >= self.down_s:
+            self.state = states.State.OFF
         self._send(rows, command, peer)
 
     def _step(self, setpoint):
         self.time_s += STEP_s
-        driven = self.state == State.NORMAL
+        driven = self.state == states.State.NORMAL
         wanted = setpoint if driven else self.mechanics.neutral_positions
         faulty = self.fault and driven and self.time_s - self.moving_since_s >= self.at_s
         if faulty and self.broke_s is None:
@@ -160,7 +162,7 @@ class FakeMachine:
         if lie not in ("silent", "no_telemetry"):
             first_s = self.time_s - len(rows) * STEP_s
             for k in range(0, len(rows), 4):
-                packet = Telemetry(
+                packet = telemetry.Telemetry(
                     n_legs=self.n,
                     sequence=self.sequence,
                     time_s=first_s + k * STEP_s,
@@ -172,11 +174,11 @@ class FakeMachine:
                     self._socket.sendto(packet, peer)
         if lie == "silent" or (lie == "flood" and self.packets % 2):
             return
-        reply = Reply(
+        reply = host_packet.Reply(
             state=self.state,
             errors=Error.NONE,
             sequence=command.sequence,
-            arrived=self.state != State.SETTLING,
+            arrived=self.state != states.State.SETTLING,
             refused=False,
             time_s=times.get(lie, self.time_s),
             behind_s=0.0,

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 

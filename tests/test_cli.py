@@ -17,9 +17,8 @@ import typer
 from typer.testing import CliRunner
 
 import hexsim
-from hexsim.cli import SentenceGroup, app
-from hexsim.cli.errors import MOVED
-from hexsim.files.log_files import read_log
+from hexsim.cli import SentenceGroup, app, errors
+from hexsim.files import log_files
 from hexsim.machine import models_folder
 
 ROOT = Path(hexsim.__file__).parents[1]
@@ -132,7 +131,7 @@ def test_same_seed_same_log(tmp_path):
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
         arguments = ("--duration", "0.5", "--seed", seed, "--out", name, "--no-recording", "--no-report")
         assert hexsim_command("run", "heave", *BENCH, *arguments, cwd=tmp_path).exit_code == 0
-        logs[name] = read_log(tmp_path / name / "log.parquet")
+        logs[name] = log_files.read_log(tmp_path / name / "log.parquet")
     assert logs["a"].equals(logs["b"]) and not logs["a"].equals(logs["c"])
 
 
@@ -165,13 +164,17 @@ def test_lists_say_what_there_is(tmp_path, what):
     assert known in [row["name"] for row in rows]
 
 
-@pytest.mark.parametrize("old", MOVED)
+@pytest.mark.parametrize("old", errors.MOVED)
 def test_an_old_command_is_refused_with_the_new_one(tmp_path, old):
     """Exit code 2 and one sentence with a command that there is."""
     refused = hexsim_command(old, "bench", cwd=tmp_path)
     (line,) = refused.stderr.splitlines()
-    assert refused.exit_code == 2 and not refused.stdout and line == f"hexsim: hexsim {old} is now hexsim {MOVED[old]}"
-    assert hexsim_command(*MOVED[old].split(), "--help", cwd=tmp_path).exit_code == 0
+    assert (
+        refused.exit_code == 2
+        and not refused.stdout
+        and line == f"hexsim: hexsim {old} is now hexsim {errors.MOVED[old]}"
+    )
+    assert hexsim_command(*errors.MOVED[old].split(), "--help", cwd=tmp_path).exit_code == 0
 
 
 def test_run_takes_many(tmp_path):

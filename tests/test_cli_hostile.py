@@ -11,13 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 import hexsim
-from hexsim.cli import app
-from hexsim.cli.errors import say
-from hexsim.errors import HexsimError
-from hexsim.files.run_folder import UNFINISHED, default_folder, run_folder
+import hexsim as hx
+from hexsim import HexsimError, load_scenario
+from hexsim.cli import app, errors
+from hexsim.files import run_folder as run_folders
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario, resources
-from hexsim.scenarios.resources import check_resources
+from hexsim.scenarios import resources
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(hexsim.__file__).parents[1]), "COLUMNS": "120"}
 SHORT = ["-m", "bench", "--fast", "--duration", "1"]
@@ -43,7 +42,7 @@ def command(*arguments: str, cwd: Path, before: str = "", environment=None, **op
 LIMIT = """
 import resource
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
+from hexsim import load_scenario
 from hexsim.simulation import simulate
 for compensator in ("none", "exact"):
     simulate(load_machine("bench"), load_scenario("heave", duration_s=0.1), fast=True, compensator=compensator)
@@ -125,7 +124,7 @@ def test_a_scenarios_name_leads_nowhere(tmp_path, monkeypatch, name):
 
 def test_sentences_carry_no_control_characters(capsys):
     """An escape sequence in a file's name reaches the terminal as text, and 25 kB are cut."""
-    say(str(HexsimError("no \x1b[31mfile\x07 " + "x" * 25_000)))
+    errors.say(str(HexsimError("no \x1b[31mfile\x07 " + "x" * 25_000)))
     shown = capsys.readouterr().err
     assert shown.startswith(r"hexsim: no \x1b[31mfile\x07 xxx") and len(shown) < 2100
 
@@ -172,13 +171,13 @@ def test_an_interrupted_qualification_says_so(tmp_path, monkeypatch):
 
 def test_what_a_killed_run_left_is_removed_and_a_living_ones_is_not(tmp_path):
     """A folder whose lock nobody holds goes when the next run begins; one that is being filled stays."""
-    killed = tmp_path / f"{UNFINISHED}old"
+    killed = tmp_path / f"{run_folders.UNFINISHED}old"
     killed.mkdir()
     (killed / "log.parquet").write_text("")
-    with run_folder(tmp_path / "a") as living:
+    with run_folders.run_folder(tmp_path / "a") as living:
         for folder in (killed, living.path):
             os.utime(folder, (0, 0))
-        with run_folder(tmp_path / "b") as second:
+        with run_folders.run_folder(tmp_path / "b") as second:
             second.finish()
         assert living.path.is_dir() and not killed.exists()
         living.finish()
@@ -187,7 +186,7 @@ def test_what_a_killed_run_left_is_removed_and_a_living_ones_is_not(tmp_path):
 
 def test_a_run_that_cannot_be_moved_is_not_thrown_away(tmp_path, monkeypatch):
     """When the last step fails the sentence says where the run is whole, and it is there."""
-    with pytest.raises(HexsimError, match="it is whole there"), run_folder(tmp_path / "run") as folder:
+    with pytest.raises(HexsimError, match="it is whole there"), run_folders.run_folder(tmp_path / "run") as folder:
         (folder.path / "log.csv").write_text("")
         monkeypatch.setattr(
             Path, "rename", lambda *paths: (_ for _ in ()).throw(OSError(18, "Invalid cross-device link"))
@@ -198,19 +197,18 @@ def test_a_run_that_cannot_be_moved_is_not_thrown_away(tmp_path, monkeypatch):
 
 def test_default_folders_bear_safe_names(tmp_path):
     """Letters, digits, dots and dashes of the scenario's name, at most 150 bytes."""
-    assert default_folder("a/b\\c d:e", tmp_path).name.endswith("-a_b_c_d_e")
-    assert len(default_folder("ä" * 300, tmp_path).name.encode()) <= 180
+    assert run_folders.default_folder("a/b\\c d:e", tmp_path).name.endswith("-a_b_c_d_e")
+    assert len(run_folders.default_folder("ä" * 300, tmp_path).name.encode()) <= 180
 
 
 def test_a_run_beyond_the_memory_is_refused_with_what_it_needs(monkeypatch):
     """A day of the hexapod under 8 GB; the same day at 10 s is let through."""
     monkeypatch.setattr(resources, "available_memory", lambda: 8e9)
-    hexapod = load_machine("micro_motion_system")
-    with pytest.raises(HexsimError, match=r"86400 s needs about .* GB of memory, and 8 GB are free: make"):
-        check_resources(hexapod, 86_400.0)
-    check_resources(hexapod, 10.0)
-    with pytest.raises(HexsimError, match=r"shorter than two samples of the log"):
-        check_resources(hexapod, 1e-3)
+    said = {86_400.0: "86400 s needs about .* GB of memory, and 8 GB are free: make", 1e-3: "two samples of the log"}
+    for duration_s, words in said.items():
+        with pytest.raises(HexsimError, match=words):
+            hx.run("heave", "micro_motion_system", set={"scenario.duration_s": duration_s})
+    resources.check_resources(load_machine("micro_motion_system"), 10.0)
 
 
 def test_a_limit_of_the_process_counts(tmp_path):
@@ -239,5 +237,5 @@ def test_estimates_are_above_what_runs_take():
     from hexsim.simulation import simulate
 
     run = simulate(load_machine("bench"), load_scenario("heave", duration_s=2.0), fast=True)
-    assert run.log.width <= check_resources.__kwdefaults__["columns_a_leg"]
-    check_resources(load_machine("bench"), 2.0)
+    assert run.log.width <= resources.check_resources.__kwdefaults__["columns_a_leg"]
+    resources.check_resources(load_machine("bench"), 2.0)

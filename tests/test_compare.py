@@ -5,28 +5,29 @@ import json
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
+from hexsim.recording import summary_table
 from hexsim.recording.signals import Signals
-from hexsim.recording.summary_table import comparison_rows
-from hexsim.scenarios import load_scenario
-from hexsim.studies.compare import compare, comparison_tables, names_of, write_comparison
+from hexsim.studies import compare as comparing
 
 
 @pytest.fixture(scope="module")
 def runs():
     """Plain control and the known inverse on the bench, long enough for one whole period after the fade-in."""
-    return compare(load_machine("bench"), load_scenario("heave", duration_s=4.5), ["none", "exact"], fast=True, seed=3)
+    return comparing.compare(
+        load_machine("bench"), load_scenario("heave", duration_s=4.5), ["none", "exact"], fast=True, seed=3
+    )
 
 
 def test_unknown_names_are_refused_before_the_first_run():
     """One unknown name of several is refused with the list of those there are; an empty list too."""
     with pytest.raises(HexsimError, match=r"'nothing'.*none.*buffered"):
-        names_of("none,nothing")
+        comparing.names_of("none,nothing")
     with pytest.raises(HexsimError, match="--compensators is empty"):
-        names_of(" , ")
-    assert names_of("buffered, none,buffered") == ["buffered", "none"]
-    assert {"none", "exact", "iterative", "buffered"} <= set(names_of(None))
+        comparing.names_of(" , ")
+    assert comparing.names_of("buffered, none,buffered") == ["buffered", "none"]
+    assert {"none", "exact", "iterative", "buffered"} <= set(comparing.names_of(None))
 
 
 def test_runs_differ_in_the_compensator_alone(runs):
@@ -40,7 +41,7 @@ def test_runs_differ_in_the_compensator_alone(runs):
 
 def test_the_ratio_is_to_the_first_run(runs):
     """The table's column `of first` is the peak over the first run's peak, as the summaries hold them."""
-    first, second = comparison_rows(runs, "leg")
+    first, second = summary_table.comparison_rows(runs, "leg")
     peaks = [runs[name].summary["axes"]["leg"]["peak_band_m_s2"] for name in ("none", "exact")]
     assert first["ratio"] == 1.0
     assert second["ratio"] == pytest.approx(peaks[1] / peaks[0], rel=1e-12)
@@ -49,7 +50,7 @@ def test_the_ratio_is_to_the_first_run(runs):
 
 def test_the_folder_holds_all_runs(runs, tmp_path):
     """compare.json has the form that others read, each run its log, and there is one figure, report and recording."""
-    write_comparison(runs, tmp_path)
+    comparing.write_comparison(runs, tmp_path)
     tables = json.loads((tmp_path / "compare.json").read_text())
     assert set(tables) == {"scenario", "compensators"} and list(tables["compensators"]) == ["none", "exact"]
     assert tables["compensators"]["exact"]["axes"] == runs["exact"].summary["axes"]
@@ -65,9 +66,9 @@ def test_a_diverged_run_stays_in_the_comparison(runs):
     cut = runs["exact"]
     cut.complete, cut.reason = False, "the simulation diverged at t = 3.0 s in leg 1"
     try:
-        table = comparison_tables(runs)["compensators"]
+        table = comparing.comparison_tables(runs)["compensators"]
         assert table["exact"]["partial"] is True and "diverged" in table["exact"]["reason"]
-        assert comparison_rows(runs, "leg")[1]["note"].startswith("the simulation diverged")
+        assert summary_table.comparison_rows(runs, "leg")[1]["note"].startswith("the simulation diverged")
     finally:
         cut.complete, cut.reason = True, ""
 
@@ -84,7 +85,9 @@ def test_an_interruption_ends_the_comparison(monkeypatch):
         return Interrupted()
 
     monkeypatch.setattr("hexsim.studies.compare.simulate", simulate)
-    assert list(compare(load_machine("bench"), load_scenario("heave"), ["none", "exact"])) == begun == ["none"]
+    assert (
+        list(comparing.compare(load_machine("bench"), load_scenario("heave"), ["none", "exact"])) == begun == ["none"]
+    )
 
 
 def test_signals_carry_the_compensators_name(runs):

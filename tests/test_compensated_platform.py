@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import Run, simulate
-from hexsim.smoothness import band_limit
 
 AXES = ("acceleration_x_m_s2", "acceleration_z_m_s2", "angular_acceleration_x_rad_s2", "angular_acceleration_z_rad_s2")
 
@@ -16,7 +15,7 @@ AXES = ("acceleration_x_m_s2", "acceleration_z_m_s2", "angular_acceleration_x_ra
 def roughness(run: Run, axis: str) -> float:
     """Largest deviation from the commanded acceleration from 7 s on, in 50 Hz, less its mean over 0.1 s."""
     t = run.log["time_s"].to_numpy()
-    a = band_limit(t, run.log[f"true_{axis}"].to_numpy()) - run.log[f"commanded_{axis}"].to_numpy()
+    a = smoothness.band_limit(t, run.log[f"true_{axis}"].to_numpy()) - run.log[f"commanded_{axis}"].to_numpy()
     a -= np.convolve(a, np.ones(101) / 101, "same")
     return float(np.abs(a[(t > 7.0) & (t < t[-1] - 0.2)]).max())
 

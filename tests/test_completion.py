@@ -1,5 +1,6 @@
 """Tab completion, by the protocol of the shells: the command line so far in the environment, names on stdout."""
 
+import json
 import os
 import subprocess
 import sys
@@ -8,11 +9,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-import compensation
-from hexsim.cli import app, completion
-from hexsim.hydraulics.effects import library
-from hexsim.machine import available_machines
-from hexsim.scenarios import available_scenarios
+import hexsim as hx
+from hexsim.cli import app
 
 ROOT = Path(__file__).parents[1]
 
@@ -28,10 +26,12 @@ def offered(line: str, code: str = "from hexsim.cli import main; main()") -> sub
 
 def test_the_names_are_those_of_the_library():
     """Machines, scenarios, compensators with their variants, effects: what the commands list, read without importing them."""
-    assert completion.machines("") == sorted(available_machines())
-    assert completion.scenarios("") == sorted(available_scenarios())
-    assert completion.compensators("") == sorted(compensation.available())
-    assert completion.effects("") == sorted(library())
+    there = hx.available()
+    assert offered("hexsim run ").stdout.split() == sorted(there["scenarios"])
+    assert offered("hexsim run heave --machine ").stdout.split() == sorted(there["machines"])
+    assert offered("hexsim run heave -c ").stdout.split() == sorted(there["compensators"])
+    shown = CliRunner().invoke(app, ["trace", "--list", "--json"])
+    assert offered("hexsim trace --explain ").stdout.split() == sorted(row["name"] for row in json.loads(shown.stdout))
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import re
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
 from hexsim.demo import acts
-from hexsim.errors import HexsimError
 
 
 def test_without_a_browser_the_last_act_shows_the_chart_and_says_why(monkeypatch, tmp_path):

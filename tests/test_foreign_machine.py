@@ -14,11 +14,8 @@ from typer.testing import CliRunner
 
 import compensation
 from hexsim.cli import app
-from hexsim.motion_computer.compensator_packet import AskedCompensator
+from hexsim.motion_computer import compensator_packet, host_packet, states, telemetry
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.host_packet import HostCommand, unpack_reply
-from hexsim.motion_computer.states import State
-from hexsim.motion_computer.telemetry import Telemetry, unpack_telemetry
 
 PATH = Path(__file__).parents[1] / "examples" / "foreign_machine.py"
 PERIOD_s = 0.02
@@ -46,16 +43,18 @@ class Host:
     def send(self, heave_m: float = 0.0, command: str = "none", after_s: float = PERIOD_s):
         self.time_s += after_s
         asked = (0.0, 0.0, heave_m, 0.0, 0.0, 0.0)
-        packet = HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=asked, command=command).pack()
+        packet = host_packet.HostCommand(
+            sequence=self.sequence, time_s=self.time_s, setpoints=asked, command=command
+        ).pack()
         self.machine.answer(packet, ("127.0.0.1", 1))
         self.sequence += 1
         *rows, reply = self.sent
         self.sent = []
-        self.rows += [unpack_telemetry(row) for row in rows]
-        self.replies.append(unpack_reply(reply))
+        self.rows += [telemetry.unpack_telemetry(row) for row in rows]
+        self.replies.append(host_packet.unpack_reply(reply))
         return self.replies[-1]
 
-    def until(self, state: State, command: str = "none"):
+    def until(self, state: states.State, command: str = "none"):
         reply = self.send(command=command)
         for _ in range(1000):
             if reply.state == state and reply.arrived:
@@ -76,11 +75,15 @@ def test_the_pages_row_of_telemetry_is_one(host):
     machine's own rows."""
     page = (PATH.parents[1] / "docs" / "motion_computer.md").read_text(encoding="utf-8")
     [block] = [part for part in page.split("```") if part.strip().startswith(b"HXT1".hex())]
-    example = unpack_telemetry(bytes.fromhex(block))
-    assert isinstance(example, Telemetry) and (example.sequence, example.time_s, example.rate_Hz) == (41, 12.5, 500.0)
+    example = telemetry.unpack_telemetry(bytes.fromhex(block))
+    assert isinstance(example, telemetry.Telemetry) and (example.sequence, example.time_s, example.rate_Hz) == (
+        41,
+        12.5,
+        500.0,
+    )
     assert example.rows[0, [0, 1, 2, 4, 5, 6]] == pytest.approx([0.125, 0.1225, 3.375e6, 0.125, 7e6, 0.25])
     assert np.isnan(example.rows[0, [3, 7, 8, 9, 10, 11]]).all()
-    host.until(State.NEUTRAL, "start")
+    host.until(states.State.NEUTRAL, "start")
     for row in (example.rows[0], host.rows[-1].rows[0]):
         assert row[4] == pytest.approx(50.0 * (row[0] - row[1]))
 
@@ -104,14 +107,14 @@ def names(tree: ast.AST) -> set[str]:
 def test_it_starts_follows_and_settles(host):
     """hexsim's decoders take every packet; the piston follows a sine as a first-order loop would, telemetry has no gap, and it
     comes to rest."""
-    assert host.until(State.NEUTRAL, "start").pose[2] == pytest.approx(0.0, abs=1.5e-3)
+    assert host.until(states.State.NEUTRAL, "start").pose[2] == pytest.approx(0.0, abs=1.5e-3)
     host.send(command="run_normal")
     begin = len(host.rows)
     t = PERIOD_s * np.arange(300)
     for value in 0.03 * np.sin(2 * np.pi * 0.5 * t):
-        assert host.send(value).state == State.NORMAL
+        assert host.send(value).state == states.State.NORMAL
     rows = host.rows[begin + 500 :]
-    assert all(isinstance(row, Telemetry) for row in rows)
+    assert all(isinstance(row, telemetry.Telemetry) for row in rows)
     assert [b.sequence - a.sequence for a, b in zip(rows, rows[1:], strict=False)] == [1] * (len(rows) - 1)
     y = np.array([row.rows[0, 1] for row in rows]) - 0.1
     time = np.array([row.time_s for row in rows])
@@ -119,23 +122,23 @@ def test_it_starts_follows_and_settles(host):
     a, b, _ = np.linalg.lstsq(wave, y, rcond=None)[0]
     gain = 1.0 / np.hypot(1.0, np.pi / (50.0 * 0.15))  # Kp times the valve's velocity gain at half the supply
     assert np.hypot(a, b) == pytest.approx(0.03 * gain, rel=0.08)
-    host.until(State.OFF, "settle")
+    host.until(states.State.OFF, "settle")
     assert host.replies[-1].pose[2] < -0.09
 
 
 def test_what_it_watches(host):
     """Setpoints beyond its reach are held and said; a host that was silent is a fault, which shuts the valve until the reset."""
-    host.until(State.NEUTRAL, "start")
+    host.until(states.State.NEUTRAL, "start")
     host.send(command="run_normal")
     assert host.send(0.5).errors & Error.WORKSPACE
     for _ in range(100):
         host.send(0.5)
     assert max(row.rows[0, 0] for row in host.rows) <= 0.1 + 0.085 + 1e-9
     reply = host.send(0.0, after_s=0.5)
-    assert reply.state == State.FAULT and reply.errors & Error.HOST_TIMEOUT
+    assert reply.state == states.State.FAULT and reply.errors & Error.HOST_TIMEOUT
     assert host.rows[-1].rows[0, 4] == 0.0
     assert host.send(command="start").refused
-    host.until(State.OFF, "reset")
+    host.until(states.State.OFF, "reset")
 
 
 def test_it_takes_a_compensator_in_pieces_and_plays_28_ms_later(host):
@@ -143,14 +146,14 @@ def test_it_takes_a_compensator_in_pieces_and_plays_28_ms_later(host):
     ahead, and plain control comes back. In normal state, under an unknown name or as version 1 it is refused or ignored."""
     made = compensation.create("adaptive")
     learned = made.parameters(made.start(compensation.Context()))
-    asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=learned)
+    asked = compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=learned)
 
-    def ask(one: AskedCompensator):
+    def ask(one: compensator_packet.AskedCompensator):
         for packet in one.packets():
             host.machine.answer(packet, ("127.0.0.1", 1))
         return host.send()
 
-    host.until(State.NEUTRAL, "start")
+    host.until(states.State.NEUTRAL, "start")
     assert len(asked.packets()) > 1
     host.machine.answer(b"HXP1" + asked.packets()[0][4:], ("127.0.0.1", 1))
     assert not host.send().compensated and not host.send().refused
@@ -166,8 +169,8 @@ def test_it_takes_a_compensator_in_pieces_and_plays_28_ms_later(host):
     setpoints = np.array([row.rows[0, 0] for row in host.rows[begin:]])
     assert int(np.argmax(setpoints > 0.1 + 1e-9)) == compensation.preview_count(made, compensation.Context()) - 1
     assert ask(replace(asked, parameters={})).refused  # moving
-    host.until(State.NEUTRAL, "return_neutral")
-    assert not ask(AskedCompensator(leg=0, n_legs=1)).compensated
+    host.until(states.State.NEUTRAL, "return_neutral")
+    assert not ask(compensator_packet.AskedCompensator(leg=0, n_legs=1)).compensated
 
 
 @pytest.mark.slow  # three minutes: measuring, tracing, learning on the twin, two heaves
@@ -192,8 +195,8 @@ def test_identify_closes_the_loop_on_it(tmp_path):
 def test_other_bytes_are_ignored(host):
     """Random bytes, cut packets and numbers that are none get no answer and move nothing."""
     draw = random.Random(3)
-    good = HostCommand(sequence=0, time_s=1.0, setpoints=(0.0,) * 6).pack()
-    bad = HostCommand(sequence=0, time_s=1.0, setpoints=(0.0, 0.0, 0.5, 0.0, 0.0, 0.0)).pack()
+    good = host_packet.HostCommand(sequence=0, time_s=1.0, setpoints=(0.0,) * 6).pack()
+    bad = host_packet.HostCommand(sequence=0, time_s=1.0, setpoints=(0.0, 0.0, 0.5, 0.0, 0.0, 0.0)).pack()
     nan = bad[:40] + b"\xff" * 8 + bad[48:]
     for data in (b"", good[:40], nan, *(draw.randbytes(draw.randrange(200)) for _ in range(50))):
         host.machine.answer(data, ("127.0.0.1", 1))
@@ -210,9 +213,12 @@ def test_over_a_socket():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.settimeout(5.0)
         for k in range(2):
-            own.sendto(HostCommand(sequence=k, time_s=1.0 + 0.02 * k, setpoints=(0.0,) * 6).pack(), computer.address)
+            own.sendto(
+                host_packet.HostCommand(sequence=k, time_s=1.0 + 0.02 * k, setpoints=(0.0,) * 6).pack(),
+                computer.address,
+            )
         got = [own.recv(9000) for _ in range(13)]
     thread.join(5.0)
     computer.socket.close()
-    assert sum(isinstance(unpack_telemetry(data), Telemetry) for data in got) == 11
-    assert unpack_reply(got[-1]).state == State.OFF
+    assert sum(isinstance(telemetry.unpack_telemetry(data), telemetry.Telemetry) for data in got) == 11
+    assert host_packet.unpack_reply(got[-1]).state == states.State.OFF

@@ -2,12 +2,11 @@
 
 import pytest
 
-from hexsim.files.log_files import write_log
+from hexsim import load_scenario, readers
+from hexsim.files import log_files
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
-from hexsim.sensors.measurement_chain import export_scope, load_chain, mapping_path
+from hexsim.sensors import measurement_chain
 from hexsim.simulation import simulate
 from hexsim.tracing.friction.identification import identify_friction
 
@@ -45,11 +44,11 @@ def test_friction_parameters_come_back(experiment, tmp_path, through):
     machine, log = experiment
     path = tmp_path / "friction.csv"
     if through == "scope":
-        export_scope(log, path, load_chain())
-        read = read_log(path, mapping_path(path))
+        measurement_chain.export_scope(log, path, measurement_chain.load_chain())
+        read = readers.read_log(path, measurement_chain.mapping_path(path))
     else:
-        write_log(log, path)
-        read = read_log(path)
+        log_files.write_log(log, path)
+        read = readers.read_log(path)
     result = identify_friction(read, machine)
     for name, declared in result.declared.items():
         assert result.parameters[name] == pytest.approx(declared, rel=0.05), name

@@ -12,29 +12,20 @@ import pytest
 from typer.testing import CliRunner
 
 import compensation
+import hexsim as hx
 from compensation import Context
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
-from hexsim.identification import bump, host, identify, plan, rounds
-from hexsim.identification.bump import taken_apart, worst
-from hexsim.identification.host import LOCKED_SHARE, Host, LATE_s, check_clock
-from hexsim.identification.link import Link
+from hexsim.identification import bump, identify, plan, record, rounds
+from hexsim.identification import host as hosts
+from hexsim.identification import link as links
 from hexsim.identification.picture import errors_by_kind
-from hexsim.identification.record import Round, Story
-from hexsim.identification.rounds import check_careful
-from hexsim.identification.story import write_story
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
-from hexsim.motion_computer.compensator_packet import LONGEST, AskedCompensator, Piece, Texts, unpack_piece
+from hexsim.motion_computer import compensator_packet, host_limiter, host_packet, states, telemetry
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.host_limiter import PERIOD_s, setpoints_of
-from hexsim.motion_computer.host_packet import Reply
-from hexsim.motion_computer.states import State
-from hexsim.motion_computer.telemetry import MOST_ROWS, Telemetry, unpack_telemetry, width
-from hexsim.scenarios import load_scenario
-from hexsim.simulation import simulate
+from hexsim.simulation import serve, simulate
 from hexsim.simulation.asked_compensators import AskedCompensators
-from hexsim.simulation.serve import Server
 
 BENCH_HEAVE = {
     "mode": "actuator",
@@ -45,16 +36,16 @@ BENCH_HEAVE = {
 }
 
 
-def packet(sequence: int, time_s: float, rows: int = 2, n: int = 1, rate: float = 1000.0) -> Telemetry:
-    values = np.arange(rows * width(n), dtype=float).reshape(rows, width(n))
-    return Telemetry(n_legs=n, sequence=sequence, time_s=time_s, rate_Hz=rate, rows=values)
+def packet(sequence: int, time_s: float, rows: int = 2, n: int = 1, rate: float = 1000.0) -> telemetry.Telemetry:
+    values = np.arange(rows * telemetry.width(n), dtype=float).reshape(rows, telemetry.width(n))
+    return telemetry.Telemetry(n_legs=n, sequence=sequence, time_s=time_s, rate_Hz=rate, rows=values)
 
 
 @pytest.fixture
 def served():
     """A bench in lockstep, with telemetry, in a thread."""
     stop = threading.Event()
-    with Server(load_machine("bench"), port=0, telemetry=True, lockstep=True) as server:
+    with serve.Server(load_machine("bench"), port=0, telemetry=True, lockstep=True) as server:
         thread = threading.Thread(target=server.run, kwargs={"stop": stop})
         thread.start()
         try:
@@ -67,8 +58,8 @@ def served():
 @pytest.mark.parametrize("n", [1, 6])
 def test_a_telemetry_packet_is_what_was_packed(n):
     """Packing and unpacking is the identity; a packet of four rows fits a network's frame of 1,472 bytes."""
-    given = packet(7, 1.5, rows=MOST_ROWS, n=n)
-    found = unpack_telemetry(given.pack())
+    given = packet(7, 1.5, rows=telemetry.MOST_ROWS, n=n)
+    found = telemetry.unpack_telemetry(given.pack())
     assert (found.n_legs, found.sequence, found.time_s, found.rate_Hz) == (n, 7, 1.5, 1000.0)
     np.testing.assert_array_equal(found.rows, given.rows)
     assert len(given.pack()) <= 1472
@@ -77,7 +68,7 @@ def test_a_telemetry_packet_is_what_was_packed(n):
 @pytest.mark.parametrize("spoil", [lambda d: d[:-1], lambda d: b"HXS1" + d[4:], lambda d: d[:6] + b"\x09\x00" + d[8:]])
 def test_what_is_no_telemetry_is_none(spoil):
     """A cut packet, another magic and a wrong number of rows are refused."""
-    assert isinstance(unpack_telemetry(spoil(packet(0, 0.0).pack())), str)
+    assert isinstance(telemetry.unpack_telemetry(spoil(packet(0, 0.0).pack())), str)
 
 
 def test_lost_packets_are_a_gap():
@@ -108,8 +99,8 @@ def test_telemetry_that_cannot_be_used_is_refused(packets, says):
 def test_a_clock_that_runs_off_is_refused(ran, share):
     """Beyond its share and two packets, to either side; within them it passes."""
     with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
-        check_clock("the telemetry's clock", ran, 20.0, share)
-    check_clock(
+        hosts.check_clock("the telemetry's clock", ran, 20.0, share)
+    hosts.check_clock(
         "the telemetry's clock", 20.0 + 0.9 * (ran - 20.0) * (share * 20.0 + 0.02) / abs(ran - 20.0), 20.0, share
     )
 
@@ -118,13 +109,13 @@ def test_in_real_time_the_ends_of_a_motion_are_known_less_well():
     """A motion of 5.01 s of which 4.96 s of telemetry came, as measured on loopback: refused in lockstep, taken in real
     time; a clock 1 % off is still refused in a motion of 20 s."""
     with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
-        check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, LATE_s)
-    check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, 0.1)
+        hosts.check_clock("the telemetry's clock", 4.96, 5.01, hosts.LOCKED_SHARE, hosts.LATE_s)
+    hosts.check_clock("the telemetry's clock", 4.96, 5.01, hosts.LOCKED_SHARE, 0.1)
     with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
-        check_clock("the telemetry's clock", 20.2, 20.0, LOCKED_SHARE, 0.1)
+        hosts.check_clock("the telemetry's clock", 20.2, 20.0, hosts.LOCKED_SHARE, 0.1)
 
 
-LONG = AskedCompensator(
+LONG = compensator_packet.AskedCompensator(
     leg=2, n_legs=6, name="adaptive", parameters={"a": [k / 7.0 for k in range(350)], "b": {"c": 0.1}}
 )
 
@@ -134,11 +125,15 @@ def test_a_request_in_pieces_is_what_was_packed():
     was packed. A piece that is missing or of another text, changed bytes, another leg, version 1: nothing, or a reason."""
 
     def pieces_of(asked):
-        return [piece for data in asked.packets() if isinstance(piece := unpack_piece(data), Piece)]
+        return [
+            piece
+            for data in asked.packets()
+            if isinstance(piece := compensator_packet.unpack_piece(data), compensator_packet.Piece)
+        ]
 
     pieces, other = pieces_of(LONG), pieces_of(replace(LONG, name="none"))
     assert len(pieces) == 6 and max(len(data) for data in LONG.packets()) <= 1472
-    texts = Texts()
+    texts = compensator_packet.Texts()
     found = [texts.add(pieces[k]) for k in (3, 0, 5, 5, 1, 4, 2)]
     assert found == [None] * 6 + [LONG]
     assert [texts.add(one) for one in (*pieces[:3], *other[3:], *pieces[3:])] == [None] * 9
@@ -147,17 +142,22 @@ def test_a_request_in_pieces_is_what_was_packed():
     assert any("CRC-32" in str(texts.add(one)) for one in changed)
     heads = (b"HXC1" + first[4:8], b"HXP1" + first[4:8], first[:4] + b"\x07\x00\x06\x00", first[:8] + b"\x06")
     for spoilt in (first[:-1], *(head + first[len(head) :] for head in heads)):
-        assert isinstance(unpack_piece(spoilt), str)
-    assert "another version" in str(unpack_piece(b"HXP1" + first[4:]))
+        assert isinstance(compensator_packet.unpack_piece(spoilt), str)
+    assert "another version" in str(compensator_packet.unpack_piece(b"HXP1" + first[4:]))
 
 
 def test_what_a_machine_keeps_of_pieces_is_bounded():
     """Ten thousand first pieces of texts that never end: six legs and leg 0 keep at most one text each."""
-    texts = Texts()
+    texts = compensator_packet.Texts()
     for k in range(10_000):
-        piece = Piece(leg=k % 7, n_legs=6, number=k % 27, size=LONGEST, check=k, part=bytes(1200))
+        piece = compensator_packet.Piece(
+            leg=k % 7, n_legs=6, number=k % 27, size=compensator_packet.LONGEST, check=k, part=bytes(1200)
+        )
         assert texts.add(piece) is None
-    assert sum(len(piece.part) for pieces in texts._pieces.values() for piece in pieces.values()) <= 7 * LONGEST
+    assert (
+        sum(len(piece.part) for pieces in texts._pieces.values() for piece in pieces.values())
+        <= 7 * compensator_packet.LONGEST
+    )
 
 
 def test_every_number_of_a_leg_fits_into_a_request():
@@ -167,13 +167,22 @@ def test_every_number_of_a_leg_fits_into_a_request():
     longest = json.loads(
         json.dumps(made.parameters(made.start(Context()))), parse_float=lambda text: -1.2345678901234567e-100
     )
-    asked, texts = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=longest), Texts()
-    found = [texts.add(piece) for data in asked.packets() if isinstance(piece := unpack_piece(data), Piece)]
+    asked, texts = (
+        compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=longest),
+        compensator_packet.Texts(),
+    )
+    found = [
+        texts.add(piece)
+        for data in asked.packets()
+        if isinstance(piece := compensator_packet.unpack_piece(data), compensator_packet.Piece)
+    ]
     assert len(found) > 7 and found[-1] == asked
     with pytest.raises(HexsimError, match="a machine takes 32768"):
         replace(asked, parameters={"a": [0.1] * 8000}).packets()
     head = asked.packets()[0]
-    assert "at most 32768" in str(unpack_piece(head[:12] + (LONGEST + 1).to_bytes(4, "little") + head[16:]))
+    assert "at most 32768" in str(
+        compensator_packet.unpack_piece(head[:12] + (compensator_packet.LONGEST + 1).to_bytes(4, "little") + head[16:])
+    )
 
 
 def test_what_acts_and_is_asked_for_again_changes_nothing(monkeypatch):
@@ -183,14 +192,19 @@ def test_what_acts_and_is_asked_for_again_changes_nothing(monkeypatch):
     asked = AskedCompensators(load_machine("micro_motion_system"))
     count = []
     monkeypatch.setattr(asked, "_started", lambda one: count.append(one.leg) or made)
-    packets = [AskedCompensator(leg=leg, n_legs=6, name="adaptive", parameters=learned) for leg in range(1, 7)]
+    packets = [
+        compensator_packet.AskedCompensator(leg=leg, n_legs=6, name="adaptive", parameters=learned)
+        for leg in range(1, 7)
+    ]
     found = [asked.take(one) for one in packets]
     assert found[:5] == [None] * 5 and len(found[5]) == 6
     asked.accept()
     assert [asked.take(one) for one in packets * 3] == [None] * 18 and count == [1, 2, 3, 4, 5, 6]
-    packets[1] = AskedCompensator(leg=2, n_legs=6, name="adaptive", parameters=learned | {"noise": [2e-6, 2e3]})
+    packets[1] = compensator_packet.AskedCompensator(
+        leg=2, n_legs=6, name="adaptive", parameters=learned | {"noise": [2e-6, 2e3]}
+    )
     assert len([asked.take(one) for one in packets][-1]) == 6  # one leg's changed
-    assert asked.take(AskedCompensator(leg=0, n_legs=6, name="none", parameters={})) == []
+    assert asked.take(compensator_packet.AskedCompensator(leg=0, n_legs=6, name="none", parameters={})) == []
     asked.accept()
     assert len([asked.take(one) for one in packets][-1]) == 6
 
@@ -199,9 +213,9 @@ def test_a_host_puts_a_compensator_into_the_loop_and_takes_it_out(served):
     """With what it learned elsewhere; a name with a module and parameters of another algorithm are refused, plain control stays."""
     made = compensation.create("adaptive")
     learned = made.parameters(made.start(Context()))
-    asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=learned)
+    asked = compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=learned)
     assert [one.name for one in AskedCompensators(served.machine).take(asked) or []] == ["adaptive"]  # compiles it
-    with Host(served.address) as host:
+    with hosts.Host(served.address) as host:
         host.exchange()
         for name, wrong in (
             ("os:system", learned),
@@ -227,7 +241,7 @@ def test_the_bump_is_the_worst_peak_from_the_second_reversal_on():
         felt += (0.8 if k == round(bump.FADE_s) else 0.3) * (-1) ** k * np.exp(-(((time - k - 0.5) / 0.02) ** 2))
     log = pl.DataFrame({"time_s": time, "acceleration_m_s2": felt})
     for given in (log, log.filter(pl.int_range(pl.len()) % 97 != 5)):
-        assert worst(taken_apart(load_machine("bench"), given)) == pytest.approx(0.3, abs=0.04)
+        assert bump.worst(bump.taken_apart(load_machine("bench"), given)) == pytest.approx(0.3, abs=0.04)
 
 
 def with_held_out(folder):
@@ -240,7 +254,7 @@ def with_held_out(folder):
 
 def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp_path, monkeypatch):
     """Ctrl-C while it moves, passed on by every later call of the display: the machine ends off, and the story says so."""
-    monkeypatch.setattr(host.Host.settle, "__defaults__", (120.0,))  # s, of a computer that does other work, too
+    monkeypatch.setattr(hosts.Host.settle, "__defaults__", (120.0,))  # s, of a computer that does other work, too
     calls = []
 
     def show(doing: str, share: float) -> None:
@@ -253,7 +267,7 @@ def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp
     story = identify("bench", served.address, 5.0, with_held_out(tmp_path), show)
     assert story.ended == "interrupted by the user"
     assert calls[-1] == "lowering the machine"
-    assert served.computer.state == State.OFF
+    assert served.computer.state == states.State.OFF
 
 
 SHORT_s = 6.0  # of a round
@@ -299,12 +313,12 @@ def test_the_designed_motion_is_measured_and_fitted_on(served, tmp_path, told_tr
     first = identify("bench", served.address, 5.0, with_held_out(tmp_path))
     assert [one.purpose for one in first.rounds] == ["a rich motion, to begin with", "to separate a, b"]
     assert [len(logs) for logs in told_traces] == [1, 2]
-    commanded = np.ptp(setpoints_of(first.machine, BENCH_HEAVE)[:, 2])
+    commanded = np.ptp(host_limiter.setpoints_of(first.machine, BENCH_HEAVE)[:, 2])
     assert np.ptp(told_traces[1][1]) == pytest.approx(
         commanded, rel=0.15
     )  # its loop takes 8 % at 0.5 Hz, its dead band 2 mm
     assert first.ended == "explained: nothing is left to be told apart, and every number is sharp"
-    assert served.computer.state == State.OFF
+    assert served.computer.state == states.State.OFF
     time.sleep(1.3)  # until another host is listened to
     again = identify("bench", served.address, 5.0, tmp_path)
     assert len(again.rounds) == 2
@@ -371,28 +385,31 @@ def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
 def test_another_host_takes_over_in_lockstep(served):
     """The first host is gone while the machine follows it: machine time stands still, and yet a second one gets in after a
     second of silence, lowers the machine, and starts it again."""
-    with Host(served.address) as first:
-        first.until(State.NEUTRAL)
+    with hosts.Host(served.address) as first:
+        first.until(states.State.NEUTRAL)
         first.exchange(command="run_normal")
     time.sleep(1.3)
-    with Host(served.address) as second:
-        assert second.exchange().state == State.NORMAL
-        second.until(State.NEUTRAL, "return_neutral")
-        second.until(State.OFF, "settle")
-        second.until(State.NEUTRAL, "start")
+    with hosts.Host(served.address) as second:
+        assert second.exchange().state == states.State.NORMAL
+        second.until(states.State.NEUTRAL, "return_neutral")
+        second.until(states.State.OFF, "settle")
+        second.until(states.State.NEUTRAL, "start")
 
 
 def test_nobody_there():
     """An address at which no machine answers is named."""
-    with Host(("127.0.0.1", 9)) as host, pytest.raises(HexsimError, match=r"no machine answers at 127\.0\.0\.1:9"):
+    with (
+        hosts.Host(("127.0.0.1", 9)) as host,
+        pytest.raises(HexsimError, match=r"no machine answers at 127\.0\.0\.1:9"),
+    ):
         host.exchange()
 
 
 @pytest.mark.parametrize("refused", [False, True])
 def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
     """Replies that come three packets late: whether a command was refused is judged by the reply that answers it."""
-    answer = Reply(
-        state=State.NEUTRAL,
+    answer = host_packet.Reply(
+        state=states.State.NEUTRAL,
         errors=Error.NONE,
         sequence=0,
         arrived=True,
@@ -410,21 +427,21 @@ def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
     def late(link, until_s, wanted=None):
         newest = max(len(sent) - 4, 0)
         taken = newest >= asked
-        state = State.NORMAL if taken and not refused else State.NEUTRAL
+        state = states.State.NORMAL if taken and not refused else states.State.NEUTRAL
         link.reply = replace(answer, sequence=newest, state=state, refused=taken and refused)
         return True
 
-    monkeypatch.setattr(Link, "receive", late)
-    monkeypatch.setattr(Link, "send", lambda link, data: sent.append(data))
-    monkeypatch.setattr(Host, "_due", lambda host: 0.0)
-    with Host(("127.0.0.1", 9)) as host:
+    monkeypatch.setattr(links.Link, "receive", late)
+    monkeypatch.setattr(links.Link, "send", lambda link, data: sent.append(data))
+    monkeypatch.setattr(hosts.Host, "_due", lambda host: 0.0)
+    with hosts.Host(("127.0.0.1", 9)) as host:
         for _ in range(asked):
             host.exchange()
         if refused:
             with pytest.raises(HexsimError, match="the machine refuses run_normal in state neutral"):
                 host.exchange(command="run_normal")
         else:
-            assert host.exchange(command="run_normal").state == State.NORMAL
+            assert host.exchange(command="run_normal").state == states.State.NORMAL
 
 
 def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
@@ -432,11 +449,11 @@ def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
     now, sent = [100.0], []
     monkeypatch.setattr("hexsim.identification.host.clock.monotonic", lambda: now[0])
     monkeypatch.setattr("hexsim.identification.host.clock.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
-    monkeypatch.setattr(Link, "send", lambda link, data: sent.append(now[0]))
-    monkeypatch.setattr(Link, "receive", lambda link, until_s, wanted=None: True)
-    with Host(("127.0.0.1", 9)) as host:
-        host._link.reply = Reply(
-            state=State.NEUTRAL,
+    monkeypatch.setattr(links.Link, "send", lambda link, data: sent.append(now[0]))
+    monkeypatch.setattr(links.Link, "receive", lambda link, until_s, wanted=None: True)
+    with hosts.Host(("127.0.0.1", 9)) as host:
+        host._link.reply = host_packet.Reply(
+            state=states.State.NEUTRAL,
             errors=Error.NONE,
             sequence=0,
             arrived=True,
@@ -451,7 +468,7 @@ def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
             now[0] += silence_s
             for _ in range(10):
                 host.exchange()
-    np.testing.assert_allclose(np.diff(sent[10:]), PERIOD_s, atol=1e-9)
+    np.testing.assert_allclose(np.diff(sent[10:]), host_limiter.PERIOD_s, atol=1e-9)
     assert sent[10] - sent[9] > 9.9
 
 
@@ -459,8 +476,8 @@ def test_a_driven_machine_sends_the_log_of_a_run(served):
     """Motion over packets in lockstep: positions within 0.2 mm of the same scenario run headless, once the delay of the
     host's buffer is taken off; every channel of a bench's log is there at the log rate."""
     machine = load_machine("bench")
-    with Host(served.address, machine) as host:
-        log = host.drive(setpoints_of(machine, BENCH_HEAVE))
+    with hosts.Host(served.address, machine) as host:
+        log = host.drive(host_limiter.setpoints_of(machine, BENCH_HEAVE))
     wanted = {"setpoint_m", "position_m", "pressure_bottom_Pa", "valve_V", "pressure_supply_Pa", "acceleration_m_s2"}
     assert wanted <= set(log.columns)
     time_s = log["time_s"].to_numpy()
@@ -472,7 +489,7 @@ def test_a_driven_machine_sends_the_log_of_a_run(served):
     shifts = range(60)
     off = [np.abs(there[k:][inside] - reference[inside]).max() for k in shifts]
     assert min(off) < 2e-4
-    assert int(np.argmin(off)) / machine.sensors.log_rate_Hz < 5 * PERIOD_s
+    assert int(np.argmin(off)) / machine.sensors.log_rate_Hz < 5 * host_limiter.PERIOD_s
 
 
 def test_the_story_names_what_is_named(tmp_path):
@@ -486,7 +503,7 @@ def test_the_story_names_what_is_named(tmp_path):
         "tied_with": [],
     }
     curve = {"name": None, "where": "leg 1"}
-    only = Round(
+    only = record.Round(
         number=1,
         purpose="a rich motion",
         log="round_1",
@@ -495,8 +512,8 @@ def test_the_story_names_what_is_named(tmp_path):
         effects=[leak, curve],
         error=error,
     )
-    story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended="done", machine_s=72.0)
-    page = write_story(story).read_text(encoding="utf-8")
+    story = record.Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended="done", machine_s=72.0)
+    page = (hx.Identification(story).to_folder() / "report.html").read_text(encoding="utf-8")
     assert "What the declared machine is missing: leakage supply to chamber (explained)." in page
     assert "1 round, 1.2 minutes" in page
     assert errors_by_kind(error, "declared") == {"position_m": pytest.approx(300.0)}
@@ -507,12 +524,12 @@ def test_the_page_says_what_a_partly_explained_machine_keeps(tmp_path):
     smaller is no 1/1."""
     found = {"name": "valve_hysteresis", "where": "leg 1", "parameters": {"half_width_V": 0.026}}
     left = (rounds.BESIDE,)
-    only = Round(
+    only = record.Round(
         number=1, purpose="a rich motion", log="round_1", verdict="partly", sentences=left, effects=[found], error={}
     )
     ended = "no motion tells more"
-    story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended=ended)
-    page = write_story(story).read_text(encoding="utf-8")
+    story = record.Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended=ended)
+    page = (hx.Identification(story).to_folder() / "report.html").read_text(encoding="utf-8")
     assert "What the declared machine is missing: valve hysteresis (partly: a residual without a name remains)." in page
     assert f"It ended because: {ended}" in page
     assert rounds.BESIDE in page
@@ -526,8 +543,8 @@ def test_a_leg_that_does_not_follow_is_refused():
     setpoint = 0.1 + 0.01 * np.sin(np.linspace(0.0, 10.0, 500))
     for position in (0.2 - setpoint, np.full(500, 0.1)):
         with pytest.raises(HexsimError, match="position_m does not follow"):
-            check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
-    check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
+            rounds.check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
+    rounds.check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
 
 
 def test_what_is_left_beside_names_asks_for_a_run():

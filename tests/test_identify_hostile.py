@@ -14,15 +14,13 @@ import pytest
 from fake_machine import FakeMachine
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
-from hexsim.identification.host import Host, MachineFault
-from hexsim.identification.link import READ, Link
-from hexsim.identification.plan import planned
+from hexsim.identification import host as hosts
+from hexsim.identification import link as links
+from hexsim.identification import plan
 from hexsim.machine import load_machine
-from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
-from hexsim.motion_computer.states import State
-from hexsim.motion_computer.telemetry import Telemetry, width
+from hexsim.motion_computer import host_limiter, states, telemetry
 
 MACHINES = {name: load_machine(name) for name in ("bench", "micro_motion_system")}
 SINE = {"duration_s": 4.0, "fade_s": 0.5, "fade": "smooth"}
@@ -36,13 +34,13 @@ def motion(machine, amplitude=0.03, frequency=0.5):
         if machine.is_hexapod
         else {"mode": "actuator", "axes": {"leg_1": signal}}
     )
-    return setpoints_of(machine, SINE | own)
+    return host_limiter.setpoints_of(machine, SINE | own)
 
 
 def drive(fake, machine, rows=None, patience_s=3.0):
     """Start, drive, and what came of it. patience_s: without a reply, the host's own."""
-    with Host(fake.address, machine, patience_s=patience_s) as host:
-        host.until(State.NEUTRAL, "start")
+    with hosts.Host(fake.address, machine, patience_s=patience_s) as host:
+        host.until(states.State.NEUTRAL, "start")
         try:
             return host.drive(motion(machine) if rows is None else rows)
         finally:
@@ -91,11 +89,11 @@ def test_a_fault_of_a_machine_without_monitors_is_noticed(fault, name, leg, at_s
     or turns; what then leaves the host is within the limits."""
     machine = MACHINES[name]
     with FakeMachine(machine, fault=fault, leg=leg, at_s=at_s) as fake:
-        with pytest.raises(MachineFault, match=FAULTS[fault].format(leg=leg + 1)):
+        with pytest.raises(hosts.MachineFault, match=FAULTS[fault].format(leg=leg + 1)):
             drive(fake, machine)
-        assert fake.state == State.OFF
+        assert fake.state == states.State.OFF
     assert fake.broke_s < fake.stopped_s <= (fake.visible_s or fake.stopped_s) + 0.5
-    assert HostLimiter(machine).worst(np.array([row for _, row in fake.rows]))[0] <= 1.0 + 1e-5
+    assert host_limiter.HostLimiter(machine).worst(np.array([row for _, row in fake.rows]))[0] <= 1.0 + 1e-5
 
 
 @pytest.mark.parametrize(("gain", "delay"), [(0.5, 0), (2.0, 0), (1.0, 2)])
@@ -156,12 +154,14 @@ def test_every_lie_ends_in_its_own_sentence_within_five_seconds(lie, lockstep):
 @pytest.mark.parametrize("spread", [0.0, 1e-3])
 def test_memory_stays_flat_under_a_flood(spread):
     """50,000 packets of telemetry, the same one and ever later ones: the link keeps a few hundred."""
-    packet = Telemetry(n_legs=1, sequence=0, time_s=0.0, rate_Hz=1000.0, rows=np.zeros((1, width(1))))
-    link = Link(("127.0.0.1", 9), patience_s=3.0)
+    packet = telemetry.Telemetry(
+        n_legs=1, sequence=0, time_s=0.0, rate_Hz=1000.0, rows=np.zeros((1, telemetry.width(1)))
+    )
+    link = links.Link(("127.0.0.1", 9), patience_s=3.0)
     try:
         for k in range(50_000):
             link._take(replace(packet, sequence=k, time_s=spread * k).pack())
-        assert len(link.telemetry) <= READ
+        assert len(link.telemetry) <= links.READ
     finally:
         link.close()
 
@@ -195,12 +195,12 @@ def test_the_first_interrupt_lowers_the_machine_and_keeps_what_was_measured(numb
             time.sleep(0.01)
         process.send_signal(number)
         _, said = process.communicate(timeout=60.0)
-        assert fake.state == State.OFF
+        assert fake.state == states.State.OFF
     assert "lowering the machine: up to 10 s" in said
     story = json.loads((tmp_path / "out" / "story.json").read_text())
     assert story["ended"] == "interrupted by the user"
     assert pl.read_parquet(tmp_path / "out" / "logs" / "broken_off.parquet")["time_s"][-1] > 1.5
-    assert HostLimiter(machine).worst(np.array([row for _, row in fake.rows]))[0] <= 1.0 + 1e-5
+    assert host_limiter.HostLimiter(machine).worst(np.array([row for _, row in fake.rows]))[0] <= 1.0 + 1e-5
 
 
 def test_a_dry_run_draws_every_motion_and_drives_nothing(tmp_path):
@@ -210,5 +210,5 @@ def test_a_dry_run_draws_every_motion_and_drives_nothing(tmp_path):
     assert result.exit_code == 0 and "nothing was" in result.output
     names = ["heave_compensated", "heave_plain", "held_out", "held_out_2", "round_1", "small"]
     assert sorted(path.stem for path in (tmp_path / "out" / "motions").iterdir()) == names
-    for rows in planned(MACHINES["bench"], 0.3, compensate=True).values():
-        assert 0.0 < HostLimiter(MACHINES["bench"]).share(rows) <= 0.3 + 1e-5
+    for rows in plan.planned(MACHINES["bench"], 0.3, compensate=True).values():
+        assert 0.0 < host_limiter.HostLimiter(MACHINES["bench"]).share(rows) <= 0.3 + 1e-5

@@ -8,8 +8,8 @@ import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hexsim.errors import HexsimError
-from hexsim.mechanics.kinematics import DOF_NAMES, HexapodKinematics
+from hexsim import HexsimError
+from hexsim.mechanics import kinematics
 from hexsim.mechanics.workspace import excursions
 
 MEASURED = Path(__file__).parents[2] / "shared" / "measured" / "hexapod_none"
@@ -23,16 +23,16 @@ MOVED = np.array(
 
 
 @pytest.fixture(params=list(GEOMETRIES))
-def hexapod(request) -> HexapodKinematics:
-    return HexapodKinematics.from_geometry(*GEOMETRIES[request.param])
+def hexapod(request) -> kinematics.HexapodKinematics:
+    return kinematics.HexapodKinematics.from_geometry(*GEOMETRIES[request.param])
 
 
 @pytest.fixture
-def micro() -> HexapodKinematics:
-    return HexapodKinematics.from_geometry(*GEOMETRIES["micro"])
+def micro() -> kinematics.HexapodKinematics:
+    return kinematics.HexapodKinematics.from_geometry(*GEOMETRIES["micro"])
 
 
-def reachable_poses(hexapod: HexapodKinematics, count: int, seed: int = 1) -> np.ndarray:
+def reachable_poses(hexapod: kinematics.HexapodKinematics, count: int, seed: int = 1) -> np.ndarray:
     """Uniform in the box of the six excursions, those kept that no leg refuses: corners of the workspace included."""
     rng = np.random.default_rng(seed)
     low, high = np.array([(e.minimum, e.maximum) for e in excursions(hexapod)]).T
@@ -229,7 +229,7 @@ def test_leg_forces_balance_the_wrench(micro):
 def test_excursions_end_where_a_leg_ends(micro):
     """At each end of each excursion one piston stands at 0 or at full stroke, and no leg is outside; both signs."""
     for index, excursion in enumerate(excursions(micro)):
-        assert excursion.dof == DOF_NAMES[index]
+        assert excursion.dof == kinematics.DOF_NAMES[index]
         for value, limit in [
             (excursion.minimum, excursion.minimum_limited_by),
             (excursion.maximum, excursion.maximum_limited_by),
@@ -268,7 +268,7 @@ def test_condition_number_of_a_known_jacobian(micro):
 
 def test_condition_number_is_infinite_for_equal_parallel_legs():
     """Platform as large as the base, joints above each other: it shifts sideways freely, and Newton says so."""
-    square = HexapodKinematics.from_geometry(0.5, 20.0, 0.5, 40.0, 0.7, 0.2)
+    square = kinematics.HexapodKinematics.from_geometry(0.5, 20.0, 0.5, 40.0, 0.7, 0.2)
     assert square.condition_number(np.zeros(6)) > 1e12
     with pytest.raises(HexsimError, match="No pose found"):
         square.forward(np.full(6, 0.1) + 0.01 * np.array([1, -1, 1, -1, 1, -1]))
@@ -324,7 +324,7 @@ def test_trajectory_with_nan_is_refused(micro):
 
 def test_trajectory_through_a_singular_pose_is_refused():
     """Long legs that let the platform yaw until they cross: all within stroke, and refused all the same."""
-    loose = HexapodKinematics.from_geometry(1.5, 10.0, 0.6, 12.0, 2.4, 1.6)
+    loose = kinematics.HexapodKinematics.from_geometry(1.5, 10.0, 0.6, 12.0, 2.4, 1.6)
     time = np.linspace(0.0, 1.0, 101)
     poses = np.zeros((101, 6))
     poses[:, 5] = 2.0 * time
@@ -357,7 +357,7 @@ def test_impossible_geometry_is_refused(change, message):
     names = ("base_radius_m", "base_half_angle_deg", "platform_radius_m", "platform_half_angle_deg")
     given = dict(zip((*names, "neutral_leg_length_m", "stroke_m"), GEOMETRIES["micro"], strict=True))
     with pytest.raises(HexsimError, match=message):
-        HexapodKinematics.from_geometry(**(given | change))
+        kinematics.HexapodKinematics.from_geometry(**(given | change))
 
 
 def test_a_pose_of_five_numbers_is_refused(micro):

@@ -9,16 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
-from hexsim.simulation import simulate
-from hexsim.simulation.live import PUSH_N, SLIDERS, LiveMachine
-from hexsim.simulation.live_motion import FADE_OUT_S, LiveMotion
+from hexsim.simulation import live as live_machine
+from hexsim.simulation import live_motion, recent_motion, simulate
 from hexsim.simulation.live_sensors import LiveSensors
-from hexsim.simulation.recent_motion import RecentMotion, motion_figures
 
 
 def heave_m(live):
@@ -27,7 +25,7 @@ def heave_m(live):
 
 @pytest.fixture(scope="module")
 def hexapod():
-    return LiveMachine(load_machine("micro_motion_system"))
+    return live_machine.LiveMachine(load_machine("micro_motion_system"))
 
 
 @pytest.fixture
@@ -39,19 +37,19 @@ def live(hexapod):
 
 def slide(live, dof, value):
     """Move a slider to `value` of its own unit."""
-    number = mujoco.mj_name2id(live.model, mujoco.mjtObj.mjOBJ_ACTUATOR, SLIDERS[dof][0])
+    number = mujoco.mj_name2id(live.model, mujoco.mjtObj.mjOBJ_ACTUATOR, live_machine.SLIDERS[dof][0])
     live.data.ctrl[number] = value
 
 
 def test_every_degree_of_freedom_has_a_slider_within_its_reach(live):
     """Six sliders behind the six valves, symmetric about neutral, each end within the strokes of all legs."""
     names = [live.model.actuator(i).name for i in range(live.model.nu)]
-    assert names == [f"leg_{i}" for i in range(1, 7)] + [SLIDERS[dof][0] for dof in live.dofs]
+    assert names == [f"leg_{i}" for i in range(1, 7)] + [live_machine.SLIDERS[dof][0] for dof in live.dofs]
     for place, dof in enumerate(live.dofs):
         low, high = live.model.actuator_ctrlrange[6 + place]
         assert -low == pytest.approx(high)
         pose = np.zeros((1, 6))
-        pose[0, place] = high * SLIDERS[dof][1]
+        pose[0, place] = high * live_machine.SLIDERS[dof][1]
         setpoints = live.setpoints(pose)
         assert np.all((setpoints > 0) & (setpoints < live.machine.cylinder.stroke_m))
 
@@ -78,7 +76,7 @@ def test_pause_stands_still_and_push_sinks(live):
     live.paused = False
     live.push()
     live.advance(0.5)
-    assert live.data.xfrc_applied[live.body, 2] == -PUSH_N
+    assert live.data.xfrc_applied[live.body, 2] == -live_machine.PUSH_N
     assert heave_m(live) < -1e-5
     live.advance(1.5)
     assert live.data.xfrc_applied[live.body, 2] == 0.0 and abs(heave_m(live)) < 2e-4
@@ -96,7 +94,7 @@ def test_sliders_together_stop_at_the_edge_of_the_workspace(live):
 
 def test_a_scenario_runs_beneath_the_sliders():
     """The bench follows the scenario's sine; a slider adds to it."""
-    bench = LiveMachine(load_machine("bench"), load_scenario("heave"))
+    bench = live_machine.LiveMachine(load_machine("bench"), load_scenario("heave"))
     bench.advance(2.5)
     assert bench.plant.piston_positions()[0] == pytest.approx(0.15, abs=0.02)  # top of the sine, 0.16 s late
     slide(bench, "z", -20.0)
@@ -107,7 +105,7 @@ def test_a_scenario_runs_beneath_the_sliders():
 def test_valve_delay_and_hysteresis_act_in_live():
     """20 ms of delay and 0.2 V of hysteresis: the spool gets the volts of ten ticks ago, through the play."""
     effects = {"effects.valve_delay": {"delay_s": 0.02}, "effects.valve_hysteresis": {"half_width_V": 0.2}}
-    bench = LiveMachine(changed(load_machine("bench"), effects), load_scenario("heave"))
+    bench = live_machine.LiveMachine(changed(load_machine("bench"), effects), load_scenario("heave"))
     commanded, spools = [], []
     for _ in range(400):
         bench.advance(bench.tick_s)
@@ -160,7 +158,7 @@ def figures_of(live, recent, since_s):
     """Figures of the last periods since `since_s`."""
     log = recent.log(live, since_s)
     assert log is not None
-    return motion_figures(live.motion.scenario, live.kinematics.axes, log)
+    return recent_motion.motion_figures(live.motion.scenario, live.kinematics.axes, log)
 
 
 def test_a_machine_becomes_another_in_flight_and_its_figures_are_those_of_a_run():
@@ -174,8 +172,8 @@ def test_a_machine_becomes_another_in_flight_and_its_figures_are_those_of_a_run(
         "effects.leakage_supply_to_chamber.conductance_m3_s_Pa": 1e-12,
         "effects.valve_delay.delay_s": 0.004,
     }
-    recent = RecentMotion()
-    live, wanted = LiveMachine(bench, motion, observe=recent.note), changed(bench, other)
+    recent = recent_motion.RecentMotion()
+    live, wanted = live_machine.LiveMachine(bench, motion, observe=recent.note), changed(bench, other)
     for machine in (bench, wanted):
         assert live.become(machine)
         since = live.time_s + 3.0
@@ -201,7 +199,7 @@ def test_a_machine_becomes_another_in_flight_and_its_figures_are_those_of_a_run(
 )
 def test_what_is_not_in_the_hydraulics_rows_is_not_taken_over_in_flight(changes):
     """Load, sensors, controller, states that come or go, a delay longer than what is kept: refused, nothing touched."""
-    live = LiveMachine(load_machine("bench"))
+    live = live_machine.LiveMachine(load_machine("bench"))
     rows = live.plant.rows.copy()
     assert not live.become(changed(live.machine, changes))
     np.testing.assert_array_equal(live.plant.rows, rows)
@@ -210,11 +208,11 @@ def test_what_is_not_in_the_hydraulics_rows_is_not_taken_over_in_flight(changes)
 def test_one_motion_goes_over_into_the_next_without_a_jump():
     """Heave to surge at its largest excursion: from tick to tick no more than 2 ms at the speed of both together and of
     the fade; heave is gone after it, surge at its full size."""
-    motion = LiveMotion(load_scenario("heave"))
+    motion = live_motion.LiveMotion(load_scenario("heave"))
     motion.exchange(load_scenario("surge"), 10.5)
     time_s = np.arange(10.0, 14.5, 0.002)
     poses = np.array([motion.poses(np.array([t]))[0] for t in time_s])
-    fastest = 0.05 * np.pi + 0.05 / FADE_OUT_S
+    fastest = 0.05 * np.pi + 0.05 / live_motion.FADE_OUT_S
     assert np.abs(np.diff(poses[time_s >= 10.5], axis=0)).max() < 0.002 * fastest * 1.001
-    late = time_s > 10.5 + FADE_OUT_S
+    late = time_s > 10.5 + live_motion.FADE_OUT_S
     assert not poses[late, 2].any() and np.abs(poses[late, 0]).max() == pytest.approx(0.05, rel=1e-3)

@@ -9,22 +9,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from hexsim import Scenario, load_scenario, qualification
 from hexsim.cli import app
-from hexsim.qualification import Battery, Imu, MachineRig, Plan, measure
-from hexsim.qualification.measured import at_origin, driven_axes, motion_of, sine_of
-from hexsim.scenarios import Scenario, load_scenario
-from hexsim.setpoints.signals import Sine
+from hexsim.qualification import measured
+from hexsim.setpoints import signals
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
 
-PLAN = Plan(periods=3)
+PLAN = qualification.Plan(periods=3)
 
 
 class Recording:
     """A rig that keeps the log of what it plays beside the motion that `qualify` judges."""
 
     def __init__(self, machine) -> None:
-        self.rig, self.machine = MachineRig(machine), machine
+        self.rig, self.machine = qualification.MachineRig(machine), machine
         self.name, self.axes = machine.name, self.rig.axes
 
     def play(self, scenario: Scenario, seed: int = 0):
@@ -36,7 +35,7 @@ class Recording:
 def played(hexapod):
     """The half-hertz heave of the battery: its rows and its log."""
     rig = Recording(hexapod)
-    battery = Battery(rig, PLAN)
+    battery = qualification.Battery(rig, PLAN)
     motion, start = battery._sine("half-hertz z", "z", PLAN.half_hertz_m, 0.5)
     battery._half_hertz("z", motion, start)
     log = Log.of_table("heave", rig.log, "hexapod")
@@ -63,7 +62,7 @@ FIGURES = (
 def test_figures_of_a_simulated_log_are_those_of_qualify(hexapod, played, tmp_path):
     """Half-hertz noise, peak, parasitic motion and leg balance of the same heave, to 1e-6."""
     rows, log = played
-    result = measure(log, hexapod, tmp_path)
+    result = qualification.measure(log, hexapod, tmp_path)
     for test, figure in FIGURES:
         assert value(result["rows"], test, figure) == pytest.approx(value(rows, test, figure), rel=1e-6), figure
     assert (tmp_path / "report.html").stat().st_size > 50_000
@@ -73,7 +72,10 @@ def test_figures_of_a_simulated_log_are_those_of_qualify(hexapod, played, tmp_pa
 def test_by_its_sensors_a_log_says_the_same_within_their_noise(hexapod, played, tmp_path):
     """Noise of 0.02 m/s2 in the accelerometer: the peak in the band is at most 0.1 m/s2 off, the phase 0.3 deg."""
     _, log = played
-    true, sensed = measure(log, hexapod, tmp_path / "a"), measure(log, hexapod, tmp_path / "b", Imu())
+    true, sensed = (
+        qualification.measure(log, hexapod, tmp_path / "a"),
+        qualification.measure(log, hexapod, tmp_path / "b", qualification.Imu()),
+    )
     peaks = [value(found["rows"], "half-hertz noise", "peak") for found in (true, sensed)]
     phases = [value(found["rows"], "describing function", "phase") for found in (true, sensed)]
     assert peaks[1] == pytest.approx(peaks[0], abs=0.1)
@@ -83,7 +85,9 @@ def test_by_its_sensors_a_log_says_the_same_within_their_noise(hexapod, played, 
 def test_a_narrow_sensor_is_said_and_its_band_used(hexapod, played, tmp_path):
     """A bandwidth of 20 Hz: the peak is lower, and the report says of which band it is."""
     _, log = played
-    wide, narrow = (measure(log, hexapod, tmp_path / str(b), Imu(bandwidth_Hz=b)) for b in (50.0, 20.0))
+    wide, narrow = (
+        qualification.measure(log, hexapod, tmp_path / str(b), qualification.Imu(bandwidth_Hz=b)) for b in (50.0, 20.0)
+    )
     assert value(narrow["rows"], "half-hertz noise", "peak, 20 Hz") < value(
         wide["rows"], "half-hertz noise", "peak, 50 Hz"
     )
@@ -113,8 +117,8 @@ def test_place_axes_and_gravity_of_accelerometers_drop_out(hexapod):
     at_sensor = at_sensor + np.cross(twist[:, 3:], np.cross(twist[:, 3:], arm)) + [0.0, 0.0, 9.81]
     in_platform = np.einsum("kji,kj->ki", rotation, at_sensor)
     read = Rotation.from_euler("xyz", turn, degrees=True).inv().apply(in_platform)
-    imu = Imu(offset_m=tuple(offset), turn_deg=turn, has_gravity=True)
-    found, _ = at_origin(read.T, origin[:, 3:].T, pose, mechanics, rate, imu, 9.81)
+    imu = qualification.Imu(offset_m=tuple(offset), turn_deg=turn, has_gravity=True)
+    found, _ = measured.at_origin(read.T, origin[:, 3:].T, pose, mechanics, rate, imu, 9.81)
     inner = slice(200, -200)
     assert np.abs(found.T - origin[:, :3])[inner].max() < 2e-3
     assert np.abs(read - origin[:, :3])[inner].max() > 5.0
@@ -124,36 +128,36 @@ def test_a_sine_is_found_with_its_frequency_and_start():
     """Faded in over 4 s at 0.4 Hz: the frequency to 1e-4, the start a period after the fade; noise and a sweep are none."""
     t = np.arange(20_000) / 1000
     fade = np.clip(t / 4, 0, 1)
-    frequency, start = sine_of(t, 0.05 * fade * np.sin(2 * np.pi * 0.4 * t)) or (0.0, 0.0)
+    frequency, start = measured.sine_of(t, 0.05 * fade * np.sin(2 * np.pi * 0.4 * t)) or (0.0, 0.0)
     assert frequency == pytest.approx(0.4, rel=1e-4)
     assert 5.0 < start <= 9.0
-    assert sine_of(t, 0.05 * np.sin(2 * np.pi * (0.2 + 0.05 * t) * t)) is None
-    assert sine_of(t, 0.05 * np.sin(2 * np.pi * 0.05 * t)) is None
+    assert measured.sine_of(t, 0.05 * np.sin(2 * np.pi * (0.2 + 0.05 * t) * t)) is None
+    assert measured.sine_of(t, 0.05 * np.sin(2 * np.pi * 0.05 * t)) is None
 
 
 def test_another_motion_gives_its_frequency_response(bench, tmp_path):
     """A multisine on the bench: its gain at 0.5 Hz is that of a sine within 0.5 dB (the machine is not linear)."""
     scenario = Scenario(
-        name="m", mode="actuator", signals={"leg_1": Sine(amplitude=0.01, frequency_Hz=0.3)}, duration_s=3.0
+        name="m", mode="actuator", signals={"leg_1": signals.Sine(amplitude=0.01, frequency_Hz=0.3)}, duration_s=3.0
     )
 
     run = simulate(bench, replace(load_scenario("multisine"), duration_s=30.0))
-    result = measure(Log.of_table("multisine", run.log, "bench"), bench, tmp_path)
+    result = qualification.measure(Log.of_table("multisine", run.log, "bench"), bench, tmp_path)
     assert any("no sine" in note for note in result["notes"])
     curve = result["describing_function"]["z"]
     gain_at = np.interp(0.5, curve["frequency_Hz"], curve["gain_dB"])
     sine = simulate(
-        bench, replace(scenario, signals={"leg_1": Sine(amplitude=0.03, frequency_Hz=0.5)}, duration_s=12.0)
+        bench, replace(scenario, signals={"leg_1": signals.Sine(amplitude=0.03, frequency_Hz=0.5)}, duration_s=12.0)
     )
-    wanted = measure(Log.of_table("sine", sine.log, "bench"), bench, tmp_path)["describing_function"]["z"]
+    wanted = qualification.measure(Log.of_table("sine", sine.log, "bench"), bench, tmp_path)["describing_function"]["z"]
     assert gain_at == pytest.approx(wanted["gain_dB"][0], abs=0.5)
 
 
 def test_the_axis_that_moves_is_found(hexapod, played):
     """Heave alone, from the setpoints of the legs."""
     _, log = played
-    motion, notes = motion_of(log, hexapod.mechanics, None)
-    assert driven_axes(motion) == ["z"]
+    motion, notes = measured.motion_of(log, hexapod.mechanics, None)
+    assert measured.driven_axes(motion) == ["z"]
     assert notes == ["Accelerations are the simulation's true ones."]
 
 
@@ -161,7 +165,12 @@ def test_the_command_measures_a_run(bench, tmp_path):
     """`hexsim test log LOG`: a table and a report; numbers that are none are a sentence."""
     run = simulate(
         bench,
-        Scenario(name="s", mode="actuator", signals={"leg_1": Sine(amplitude=0.05, frequency_Hz=0.5)}, duration_s=10.0),
+        Scenario(
+            name="s",
+            mode="actuator",
+            signals={"leg_1": signals.Sine(amplitude=0.05, frequency_Hz=0.5)},
+            duration_s=10.0,
+        ),
     )
     run.log.write_parquet(tmp_path / "s.parquet")
     call = ["test", "log", str(tmp_path / "s.parquet"), "--machine", "bench", "--out", str(tmp_path / "out")]
@@ -209,7 +218,7 @@ def test_a_machine_that_follows_perfectly_does_not_fail(hexapod, tmp_path, name)
             f"acceleration_{axis}_m_s2": twist_rate[:, k],
             f"angular_acceleration_{axis}_rad_s2": twist_rate[:, 3 + k],
         }
-    result = measure(Log.of_table("perfect", pl.DataFrame(columns), "hexapod"), hexapod, tmp_path)
+    result = qualification.measure(Log.of_table("perfect", pl.DataFrame(columns), "hexapod"), hexapod, tmp_path)
     assert {row["test"] for row in result["rows"] if row["passed"] is not None} == judged
     assert result["passed"] is (True if judged else None)
 

@@ -4,28 +4,16 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario, readers
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
-from hexsim.sensors.measurement_chain import (
-    MeasurementChain,
-    ScopeInput,
-    export_scope,
-    from_scope_volts,
-    import_scope,
-    load_chain,
-    mapping_path,
-    scope_column,
-    to_scope_volts,
-)
+from hexsim.sensors import measurement_chain
 from hexsim.simulation import simulate
 
 IDEAL = {"scope": {"bits": 0}}
 
 
 def chain_with(**changes):
-    return MeasurementChain.model_validate(load_chain().model_dump() | changes)
+    return measurement_chain.MeasurementChain.model_validate(measurement_chain.load_chain().model_dump() | changes)
 
 
 def test_characteristic_volts_of_the_report():
@@ -38,7 +26,7 @@ def test_characteristic_volts_of_the_report():
             "position_m": [0.1, 0.2],
         }
     )
-    volts = to_scope_volts(log, chain_with(**IDEAL))
+    volts = measurement_chain.to_scope_volts(log, chain_with(**IDEAL))
     assert volts["scope_acceleration_V"].to_list() == pytest.approx([3.3431, 3.3431 + 0.826], rel=1e-9)
     assert volts["scope_pressure_bottom_V"].to_list() == pytest.approx([0.0, 4.0], rel=1e-9)
     assert volts["scope_position_V"].to_list() == pytest.approx([0.0, 10.0], abs=1e-12)
@@ -47,10 +35,14 @@ def test_characteristic_volts_of_the_report():
 def test_the_report_formula_is_off_by_its_sensitivity_squared():
     """(U - 3.3431) 0.826 g, as printed in 2.3.1, reads 0.68 of the acceleration; the chain reads all of it."""
     true = 0.45
-    volts = to_scope_volts(pl.DataFrame({"time_s": [0.0], "acceleration_m_s2": [true]}), chain_with(**IDEAL))
+    volts = measurement_chain.to_scope_volts(
+        pl.DataFrame({"time_s": [0.0], "acceleration_m_s2": [true]}), chain_with(**IDEAL)
+    )
     shown = volts["scope_acceleration_V"][0]
     assert (shown - 3.3431) * 0.826 * 9.81 == pytest.approx(0.826**2 * true, rel=1e-8)
-    assert from_scope_volts(volts, load_chain())["acceleration_m_s2"][0] == pytest.approx(true, rel=1e-12)
+    assert measurement_chain.from_scope_volts(volts, measurement_chain.load_chain())["acceleration_m_s2"][
+        0
+    ] == pytest.approx(true, rel=1e-12)
 
 
 def random_log(count=200, legs=6):
@@ -71,7 +63,9 @@ def random_log(count=200, legs=6):
 def test_round_trip_without_a_converter():
     """Volts and back is the identity to rounding, for every leg and axis; truth columns do not reach the scope."""
     log = random_log()
-    back = from_scope_volts(to_scope_volts(log, chain_with(**IDEAL)), chain_with(**IDEAL))
+    back = measurement_chain.from_scope_volts(
+        measurement_chain.to_scope_volts(log, chain_with(**IDEAL)), chain_with(**IDEAL)
+    )
     assert set(log.columns) - set(back.columns) == {
         *(f"true_position_{i}_m" for i in range(1, 7)),
         *(f"angular_acceleration_{axis}_rad_s2" for axis in "xyz"),
@@ -85,7 +79,7 @@ def test_resolution_is_half_a_count(bits):
     """With b bits nothing is off by more than half a count, and something is by more than 0.4 of one."""
     chain = chain_with(scope={"bits": bits, "range_V": 5.0})
     log = random_log()
-    back = from_scope_volts(to_scope_volts(log, chain), chain)
+    back = measurement_chain.from_scope_volts(measurement_chain.to_scope_volts(log, chain), chain)
     for name in back.columns[1:]:
         counts = np.abs(back[name] - log[name]).to_numpy() / chain.resolution(chain.kind_of(name))
         assert 0.4 < counts.max() < 0.5 + 1e-6
@@ -93,7 +87,7 @@ def test_resolution_is_half_a_count(bits):
 
 def test_counts_of_the_report_chain():
     """16 bit over +-5 V: 1.8 mm/s2 of acceleration, 0.012 bar of pressure; 3 um of position over +-10 V."""
-    chain = load_chain()
+    chain = measurement_chain.load_chain()
     assert chain.resolution("acceleration_m_s2") == pytest.approx(10 / 65536 / 0.826 * 9.81, rel=1e-9)
     assert chain.resolution("pressure_bottom_Pa") / 1e5 == pytest.approx(0.0120, abs=1e-4)
     assert chain.resolution("position_m") == pytest.approx(20 / 65536 / 100, rel=1e-12)
@@ -101,7 +95,7 @@ def test_counts_of_the_report_chain():
 
 def test_converter_clips_at_its_range():
     """+-5 V, 12 bit: -5 V and one count below +5 V are the ends; not-a-number stays so."""
-    scope = ScopeInput(bits=12, range_V=5.0)
+    scope = measurement_chain.ScopeInput(bits=12, range_V=5.0)
     out = scope.convert(np.array([-7.0, 7.0, np.nan, 0.0]))
     assert out[0] == -5.0 and out[1] == 5.0 - 10 / 4096 and np.isnan(out[2]) and out[3] == 0.0
 
@@ -109,9 +103,9 @@ def test_converter_clips_at_its_range():
 def test_a_run_exported_in_volts_reads_back(tmp_path):
     """A bench run as a scope would record it: written in volts, read back within half a count of the log."""
     run = simulate(load_machine("bench"), load_scenario("heave", duration_s=1.0), seed=1)
-    chain = load_chain()
-    export_scope(run.log, tmp_path / "scope.csv", chain)
-    back = import_scope(tmp_path / "scope.csv", chain)
+    chain = measurement_chain.load_chain()
+    measurement_chain.export_scope(run.log, tmp_path / "scope.csv", chain)
+    back = measurement_chain.import_scope(tmp_path / "scope.csv", chain)
     for name in ("position_m", "valve_V", "pressure_bottom_Pa", "pressure_supply_Pa", "acceleration_m_s2"):
         assert np.abs((back[name] - run.log[name]).to_numpy()).max() <= 0.5001 * chain.resolution(name)
     assert "true_position_m" not in back.columns
@@ -120,9 +114,9 @@ def test_a_run_exported_in_volts_reads_back(tmp_path):
 def test_readers_of_measured_logs_take_the_volts(tmp_path):
     """The mapping file beside the volts lets the tracing reader give SI."""
     run = simulate(load_machine("bench"), load_scenario("heave", duration_s=3.0), seed=1)
-    chain = load_chain()
-    export_scope(run.log, tmp_path / "scope.csv", chain)
-    read = read_log(tmp_path / "scope.csv", mapping_path(tmp_path / "scope.csv"))
+    chain = measurement_chain.load_chain()
+    measurement_chain.export_scope(run.log, tmp_path / "scope.csv", chain)
+    read = readers.read_log(tmp_path / "scope.csv", measurement_chain.mapping_path(tmp_path / "scope.csv"))
     assert read.kind == "bench"
     for name in ("position_m", "pressure_bottom_Pa", "acceleration_m_s2"):
         error = read.columns[name] - run.log[name].to_numpy()[: len(read.columns[name])]
@@ -131,8 +125,8 @@ def test_readers_of_measured_logs_take_the_volts(tmp_path):
 
 def test_names():
     """Leg numbers and axes stay in the names of the volts."""
-    assert scope_column("pressure_bottom_3_Pa") == "scope_pressure_bottom_3_V"
-    assert scope_column("acceleration_m_s2") == "scope_acceleration_V"
+    assert measurement_chain.scope_column("pressure_bottom_3_Pa") == "scope_pressure_bottom_3_V"
+    assert measurement_chain.scope_column("acceleration_m_s2") == "scope_acceleration_V"
 
 
 @pytest.mark.parametrize(
@@ -148,12 +142,16 @@ def test_a_wrong_chain_is_refused_with_its_reason(tmp_path, text, sentence):
     path = tmp_path / "chain.toml"
     path.write_text(text)
     with pytest.raises(HexsimError, match=f"chain.toml.*{sentence}"):
-        load_chain(path)
+        measurement_chain.load_chain(path)
 
 
 def test_columns_without_a_channel_are_refused():
     """A scope column that the chain does not know, and a log with nothing for the scope."""
     with pytest.raises(HexsimError, match="scope column scope_colour_V has no channel in chain report"):
-        from_scope_volts(pl.DataFrame({"time_s": [0.0], "scope_colour_V": [1.0]}), load_chain())
+        measurement_chain.from_scope_volts(
+            pl.DataFrame({"time_s": [0.0], "scope_colour_V": [1.0]}), measurement_chain.load_chain()
+        )
     with pytest.raises(HexsimError, match="no column of the log has a channel"):
-        to_scope_volts(pl.DataFrame({"time_s": [0.0], "velocity_m_s": [1.0]}), load_chain())
+        measurement_chain.to_scope_volts(
+            pl.DataFrame({"time_s": [0.0], "velocity_m_s": [1.0]}), measurement_chain.load_chain()
+        )

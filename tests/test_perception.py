@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.smoothness.perception import felt_figures, mtvv, vibration_dose, weighted, weighted_rms, weighting
+from hexsim.smoothness import perception
 
 TIME = np.arange(0.0, 20.0, 1e-3)
 W = 2 * np.pi * 0.5
@@ -25,18 +25,20 @@ W = 2 * np.pi * 0.5
 )
 def test_weightings_are_those_of_the_standard(kind: str, frequency_Hz: float, factor: float) -> None:
     """ISO 2631-1:1997, table 3, within 1 % (its frequencies are third octaves, rounded)."""
-    assert abs(weighting(kind, frequency_Hz)) == pytest.approx(factor, rel=0.01)
+    assert abs(perception.weighting(kind, frequency_Hz)) == pytest.approx(factor, rel=0.01)
 
 
 def test_a_sine_is_weighted_by_its_factor() -> None:
     """2 m/s2 at 8 Hz in heave: 2/sqrt(2) times 1.036."""
-    assert weighted_rms(TIME, 2.0 * np.sin(2 * np.pi * 8.0 * TIME), "k") == pytest.approx(2**0.5 * 1.036, rel=5e-3)
+    assert perception.weighted_rms(TIME, 2.0 * np.sin(2 * np.pi * 8.0 * TIME), "k") == pytest.approx(
+        2**0.5 * 1.036, rel=5e-3
+    )
 
 
 @pytest.mark.parametrize("kind", ["k", "d", "e"])
 def test_nothing_is_felt_before_it_happens(kind: str) -> None:
     """The filters are causal: before a shock of 0.1 s the weighted acceleration is below 1 % of its largest."""
-    found = np.abs(weighted(TIME, (np.abs(TIME - 10.0) < 0.05) * 1.0, kind))
+    found = np.abs(perception.weighted(TIME, (np.abs(TIME - 10.0) < 0.05) * 1.0, kind))
     assert found[TIME < 9.9].max() < 0.01 * found.max()
 
 
@@ -45,16 +47,20 @@ def test_shocks_count_by_their_running_second_and_by_the_fourth_power() -> None:
     second and sqrt(20) times the rms (3 % for what rings on), VDV 20^(1/4) less; the record's length changes the rms alone."""
     steady = 2.0 * np.sin(2 * np.pi * 8.0 * TIME)
     shock = steady * (np.abs(TIME - 10.0) < 0.5)
-    assert mtvv(TIME, steady, "k") == pytest.approx(weighted_rms(TIME, steady, "k"), rel=1e-3)
-    assert vibration_dose(TIME, steady, "k") == pytest.approx(2.072 * (3 / 8 * 20.0) ** 0.25, rel=5e-3)
-    assert mtvv(TIME, shock, "k") == pytest.approx(2**0.5 * 1.036, rel=0.03)
-    assert mtvv(TIME, shock, "k") / weighted_rms(TIME, shock, "k") == pytest.approx(20**0.5, rel=0.03)
-    assert vibration_dose(TIME, shock, "k") == pytest.approx(2.072 * (3 / 8) ** 0.25, rel=0.03)
+    assert perception.mtvv(TIME, steady, "k") == pytest.approx(perception.weighted_rms(TIME, steady, "k"), rel=1e-3)
+    assert perception.vibration_dose(TIME, steady, "k") == pytest.approx(2.072 * (3 / 8 * 20.0) ** 0.25, rel=5e-3)
+    assert perception.mtvv(TIME, shock, "k") == pytest.approx(2**0.5 * 1.036, rel=0.03)
+    assert perception.mtvv(TIME, shock, "k") / perception.weighted_rms(TIME, shock, "k") == pytest.approx(
+        20**0.5, rel=0.03
+    )
+    assert perception.vibration_dose(TIME, shock, "k") == pytest.approx(2.072 * (3 / 8) ** 0.25, rel=0.03)
 
 
 def felt(acceleration, axis="z", position=None):
     asked = 0.05 * np.sin(W * TIME)
-    return felt_figures(TIME, axis, acceleration, -W * W * asked, asked if position is None else position, asked)
+    return perception.felt_figures(
+        TIME, axis, acceleration, -W * W * asked, asked if position is None else position, asked
+    )
 
 
 def test_a_perfect_response_is_not_felt_and_only_late() -> None:

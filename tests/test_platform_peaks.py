@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
-from hexsim.smoothness import harmonic_deviation
 
 AXIS = {"heave": ("z", "m_s2"), "roll": ("roll", "rad_s2")}
 DRY = {f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")}
@@ -54,7 +53,7 @@ def test_top_peak_is_larger_in_heave():
     """In heave the peak at the top exceeds that at the bottom, as the report's measurement shows (4.2)."""
     log = run("heave").log
     time = log["time_s"].to_numpy()
-    part = harmonic_deviation(time, log["true_acceleration_z_m_s2"].to_numpy(), 0.5, start_s=4.0)
+    part = smoothness.harmonic_deviation(time, log["true_acceleration_z_m_s2"].to_numpy(), 0.5, start_s=4.0)
     height = np.interp(part.time_s, time, log["platform_z_m"].to_numpy())
     assert np.abs(part.band[height > 0.03]).max() > 1.1 * np.abs(part.band[height < -0.03]).max()
 

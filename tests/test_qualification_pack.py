@@ -8,15 +8,14 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.cueing.washout import SMOOTHING_S, Washout
-from hexsim.files.run_folder import run_folder
+from hexsim import Scenario, qualification
+from hexsim.cueing import washout as washouts
+from hexsim.files import run_folder as run_folders
 from hexsim.machine import load_machine
-from hexsim.qualification import Findings, MachineRig, Row, part60
-from hexsim.qualification.omct import TESTS, FREQUENCIES_rad_s, machine_response, omct
-from hexsim.qualification.pack import changed_files, pack_rows, page, recorder, write_manifest
-from hexsim.qualification.rows import APPLICANT, COMMON_TURN, NO_LIMIT
-from hexsim.scenarios import Scenario
-from hexsim.setpoints.signals import Sine
+from hexsim.qualification import omct as omct_tests
+from hexsim.qualification import pack, part60
+from hexsim.qualification import rows as pack_limits
+from hexsim.setpoints import signals
 
 G = 9.81
 W = (0.631, 3.981)  # of OMCT's frequencies, below and above the washout's corners
@@ -26,7 +25,7 @@ def points(washout, w):
     """OMCT at a frequency, of a machine that does what it is asked."""
     return {
         point.test: point.modulus * np.exp(1j * np.radians(point.phase_deg))
-        for point in omct(washout, 500.0, lambda axis, w: 1.0 + 0.0j, (w,))
+        for point in omct_tests.omct(washout, 500.0, lambda axis, w: 1.0 + 0.0j, (w,))
     }
 
 
@@ -38,14 +37,14 @@ def quick(washout, k, s):
 
 def lean(washout, s):
     w = washout.low_pass_rad_s
-    return w**2 / (s**2 + 2.0 * w * s + w**2) / (SMOOTHING_S * s + 1.0) ** 2
+    return w**2 / (s**2 + 2.0 * w * s + w**2) / (washouts.SMOOTHING_S * s + 1.0) ** 2
 
 
 @pytest.mark.parametrize("w", [W[0], *(pytest.param(w, marks=pytest.mark.slow) for w in W[1:])])
 def test_omct_is_the_washouts_transfer_function(w):
     """Slow enough in tilt for no rate limit: heave, surge with its leaning, pitch by surge, yaw, and surge force that pitch
     leaves: modulus and phase of the written equations within 2 % and 2 deg (the filters are sampled at 500 Hz)."""
-    washout = Washout(tilt_rate_rad_s=10.0)
+    washout = washouts.Washout(tilt_rate_rad_s=10.0)
     found = points(washout, w)
     s, scale = 1j * w, washout.scale
     turn = s * s / ((s + washout.turn_rad_s) * (s + washout.back_rad_s))  # rate from rate
@@ -63,8 +62,12 @@ def test_omct_is_the_washouts_transfer_function(w):
 
 def test_omct_has_the_published_frequencies_and_ten_tests():
     """Twelve frequencies, five a decade (a factor of 10^0.2 each), from 0.1 rad/s; ten tests."""
-    ratios = np.diff(np.log10(FREQUENCIES_rad_s))
-    assert FREQUENCIES_rad_s[0] == 0.1 and ratios == pytest.approx([0.2] * 11, abs=2e-3) and len(TESTS) == 10
+    ratios = np.diff(np.log10(omct_tests.FREQUENCIES_rad_s))
+    assert (
+        omct_tests.FREQUENCIES_rad_s[0] == 0.1
+        and ratios == pytest.approx([0.2] * 11, abs=2e-3)
+        and len(omct_tests.TESTS) == 10
+    )
 
 
 def test_the_machines_response_comes_in_by_its_describing_function():
@@ -77,7 +80,7 @@ def test_the_machines_response_comes_in_by_its_describing_function():
         "gain_dB": [20.0 * math.log10(abs(one)) for one in lag],
         "phase_deg": [math.degrees(np.angle(one)) for one in lag],
     }
-    found = machine_response({"z": curve})
+    found = omct_tests.machine_response({"z": curve})
     for f, tolerance in ((1.0, 1e-6), (1.4, 0.03), (0.05, 0.005)):
         assert abs(found("z", 2.0 * math.pi * f) - 1.0 / (1.0 + 0.1j * math.pi * f)) < tolerance
 
@@ -102,7 +105,7 @@ def test_the_record_goes_on_behind_what_is_judged():
     """Surge through the washout: what is asked in the last 50 ms that are judged and the 100 ms after them, which compensators
     look ahead, has no acceleration beyond the largest before; the end of the record would be a stop of many times that."""
     machine = load_machine("micro_motion_system")
-    scenario = part60.washed_out(Washout(), "x", machine, (1.5, 0.5, 1.0))
+    scenario = part60.washed_out(washouts.Washout(), "x", machine, (1.5, 0.5, 1.0))
     time = np.arange(0.0, part60.LENGTH_S + 0.1, 1e-3)
     asked = np.abs(np.diff(scenario.signals["x"].value(time), 2)) / 1e-6
     ahead = time[1:-1] > part60.LENGTH_S - 0.05
@@ -117,7 +120,7 @@ def machine():
 def test_repeatability_of_a_simulated_machine(machine):
     """Heave under the rule's conditions: two runs differ by their sensors' noise, below 0.05 g and not by nothing; the trace
     holds both."""
-    rows, traces = part60.repeatability(MachineRig(machine), Washout(), "flight", axes=("z",))
+    rows, traces = part60.repeatability(qualification.MachineRig(machine), washouts.Washout(), "flight", axes=("z",))
     value = rows[0].value
     assert value is not None and 0.0 < value < 0.05 and rows[0].passed and "3.d" in rows[0].source
     columns = traces[0].columns
@@ -145,24 +148,34 @@ def test_an_axis_that_never_sets_in_is_outside(machine, monkeypatch):
 def test_rows_say_whose_their_limits_are():
     """The applicant's own, no published number, and the repeatability of the battery left out."""
     rows = [
-        Row(test="turn-around", axis="heave z", figure="a", value=1.0, unit="m/s²", limit=2.0, source=COMMON_TURN),
-        Row(test="describing function", axis="x", figure="a", value=1.0, unit="Hz", source=APPLICANT),
-        Row(test="linearity", axis="z", figure="a", value=1.0, unit="%", source=NO_LIMIT),
-        Row(test="repeatability", axis="z", figure="a", value=1.0, unit="m/s²", limit=0.5),
+        qualification.Row(
+            test="turn-around",
+            axis="heave z",
+            figure="a",
+            value=1.0,
+            unit="m/s²",
+            limit=2.0,
+            source=pack_limits.COMMON_TURN,
+        ),
+        qualification.Row(
+            test="describing function", axis="x", figure="a", value=1.0, unit="Hz", source=pack_limits.APPLICANT
+        ),
+        qualification.Row(test="linearity", axis="z", figure="a", value=1.0, unit="%", source=pack_limits.NO_LIMIT),
+        qualification.Row(test="repeatability", axis="z", figure="a", value=1.0, unit="m/s²", limit=0.5),
     ]
-    filed = pack_rows(Findings(rows=rows))
+    filed = pack.pack_rows(qualification.Findings(rows=rows))
     assert [row.test for row in filed] == ["turn-around", "describing function", "linearity"]
     assert "3.c" in filed[0].source and "applicant's own" in filed[0].source and filed[0].limit == 2.0
     assert filed[2].source == "no published number"
     result = {"machine": "<b>", "compensator": "none", "one_mode": True, "pilot_m": [1, 2, 3]}
-    assert "1 of 1 figures with a limit are within it.<" in page(result, filed, [])
-    late = Row(test="4.a", axis="heave z", figure="a", value=106.0, unit="ms", limit=100.0)
-    assert "1 of 2 figures with a limit are within it. Outside: 4.a, heave z, limit 100 ms.<" in page(
+    assert "1 of 1 figures with a limit are within it.<" in pack.page(result, filed, [])
+    late = qualification.Row(test="4.a", axis="heave z", figure="a", value=106.0, unit="ms", limit=100.0)
+    assert "1 of 2 figures with a limit are within it. Outside: 4.a, heave z, limit 100 ms.<" in pack.page(
         result, [*filed, late], []
     )
-    assert re.search(r">106 ms</td><td[^>]*>100 ms</td><td[^>]*><b>outside</b></td>", page(result, [late], []))
-    assert re.search(r">1 %</td><td[^>]*></td><td[^>]*>reported</td>", page(result, filed, []))
-    assert "&lt;b&gt;" in page(result, filed, []) and "<b>," not in page(result, filed, [])
+    assert re.search(r">106 ms</td><td[^>]*>100 ms</td><td[^>]*><b>outside</b></td>", pack.page(result, [late], []))
+    assert re.search(r">1 %</td><td[^>]*></td><td[^>]*>reported</td>", pack.page(result, filed, []))
+    assert "&lt;b&gt;" in pack.page(result, filed, []) and "<b>," not in pack.page(result, filed, [])
 
 
 @pytest.mark.parametrize(("name", "axis", "more"), [("half-hertz roll", "roll", True), ("x at 0.1 Hz", "x", False)])
@@ -170,14 +183,14 @@ def test_every_motion_is_recorded(tmp_path, name, axis, more):
     """A rig gives each motion that it plays on, and its file holds it to 1e-9: the driven axis, all accelerations, of a
     half-hertz motion the legs; written again it is the same to the byte."""
     kept = []
-    rig = MachineRig(
+    rig = qualification.MachineRig(
         load_machine("micro_motion_system"), record=lambda scenario, motion: kept.append((scenario, motion))
     )
-    sine = Sine(amplitude=0.01, frequency_Hz=0.5)
+    sine = signals.Sine(amplitude=0.01, frequency_Hz=0.5)
     motion = rig.play(Scenario(name=name, mode="dof", signals={axis: sine}, duration_s=0.3, fade_s=0.1, fade="smooth"))
     [(scenario, same)] = kept
     assert same is motion
-    recorder(tmp_path)(scenario, motion)
+    pack.recorder(tmp_path)(scenario, motion)
     [path] = (tmp_path / "traces").iterdir()
     table = pl.read_csv(path)
     unit = "rad" if axis == "roll" else "m"
@@ -185,23 +198,23 @@ def test_every_motion_is_recorded(tmp_path, name, axis, more):
     assert table["acceleration_roll_rad_s2"].to_numpy() == pytest.approx(motion.acceleration["roll"], abs=1e-9)
     assert ("position_6_m" in table.columns) is more and table.height == len(motion.time_s)
     before = path.read_bytes()
-    recorder(tmp_path)(scenario, motion)
+    pack.recorder(tmp_path)(scenario, motion)
     assert path.read_bytes() == before and path.name == f"{name.replace(' ', '_')}.csv.gz"
 
 
 def test_the_manifest_finds_what_was_changed(tmp_path):
     """A byte changed, a file gone and one that came are named; nothing where nothing was touched since the folder of a run, which
     is locked in the making, was finished."""
-    with run_folder(tmp_path / "made") as folder:
+    with run_folders.run_folder(tmp_path / "made") as folder:
         for name in ("pack.json", "traces/a.csv", "traces/b.csv"):
             path = folder.path / name
             path.parent.mkdir(exist_ok=True)
             path.write_text(name)
-        write_manifest(folder.path)
+        pack.write_manifest(folder.path)
         tmp_path = folder.finish()
-    assert changed_files(tmp_path) == []
+    assert pack.changed_files(tmp_path) == []
     assert json.loads((tmp_path / "manifest.json").read_text())["files"]["traces/a.csv"]["bytes"] == 12
     (tmp_path / "pack.json").write_text("pack.jsom")
     (tmp_path / "traces/a.csv").unlink()
     (tmp_path / "c").write_text("")
-    assert changed_files(tmp_path) == ["c", "pack.json", "traces/a.csv"]
+    assert pack.changed_files(tmp_path) == ["c", "pack.json", "traces/a.csv"]

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, Scenario, qualification
 from hexsim.machine import load_machine
-from hexsim.mechanics.kinematics import DOF_NAMES
-from hexsim.qualification import QUICK, Battery, Motion, Plan, Row, measures, qualify
-from hexsim.scenarios import Scenario
-from hexsim.setpoints.signals import Sine, Triangle
+from hexsim.mechanics import kinematics
+from hexsim.qualification import measures
+from hexsim.setpoints import signals
 
 TAU = 0.03  # s, of the first-order system
 RATE = 1000.0
@@ -27,21 +26,21 @@ def lagged(command, tau=TAU):
 class LinearRig:
     """Six axes, each the same first-order lag; legs likewise. All answers are known."""
 
-    name, axes = "linear", DOF_NAMES
+    name, axes = "linear", kinematics.DOF_NAMES
 
     def __init__(self, tau=TAU):
         self.tau = tau
 
-    def play(self, scenario: Scenario, seed: int = 0) -> Motion:
+    def play(self, scenario: Scenario, seed: int = 0) -> qualification.Motion:
         time = np.arange(round(scenario.duration_s * RATE)) / RATE
         position, _, acceleration = scenario.evaluate(time)
         answer, felt = (np.column_stack([lagged(c, self.tau) for c in x.T]) for x in (position, acceleration))
-        return Motion(
+        return qualification.Motion(
             time_s=time,
-            commanded=dict(zip(DOF_NAMES, position.T, strict=True)),
-            response=dict(zip(DOF_NAMES, answer.T, strict=True)),
-            commanded_acceleration=dict(zip(DOF_NAMES, acceleration.T, strict=True)),
-            acceleration=dict(zip(DOF_NAMES, felt.T, strict=True)),
+            commanded=dict(zip(kinematics.DOF_NAMES, position.T, strict=True)),
+            response=dict(zip(kinematics.DOF_NAMES, answer.T, strict=True)),
+            commanded_acceleration=dict(zip(kinematics.DOF_NAMES, acceleration.T, strict=True)),
+            acceleration=dict(zip(kinematics.DOF_NAMES, felt.T, strict=True)),
             leg_setpoints=np.tile(position[:, 2:3], 6),
             leg_positions=np.tile(answer[:, 2:3], 6),
         )
@@ -50,7 +49,7 @@ class LinearRig:
 @pytest.fixture(scope="module")
 def linear():
     """The whole battery on the first-order lag."""
-    return Battery(LinearRig(), QUICK).run()
+    return qualification.Battery(LinearRig(), qualification.QUICK).run()
 
 
 def value(found, test, axis, figure):
@@ -59,7 +58,7 @@ def value(found, test, axis, figure):
     return rows[0].value
 
 
-@pytest.mark.parametrize("axis", DOF_NAMES)
+@pytest.mark.parametrize("axis", kinematics.DOF_NAMES)
 def test_describing_function_of_a_lag(linear, axis) -> None:
     """Gain 1/sqrt(1 + (w tau)^2) and phase -atan(w tau) at every frequency, in every axis."""
     curve = linear.curves["describing_function"][axis]
@@ -123,7 +122,7 @@ def test_hysteresis_of_a_backlash_behind_a_lag() -> None:
     """A play of 0.4 mm full width, seen through a lag: 0.4 mm, though the loops themselves are 1 mm and wider."""
     widths = []
     for speed in (0.01, 0.02):
-        signal = Triangle(amplitude=0.01, frequency_Hz=speed / 0.04)
+        signal = signals.Triangle(amplitude=0.01, frequency_Hz=speed / 0.04)
         time = np.arange(int(10 / signal.frequency_Hz / 4 * RATE)) / RATE
         command = signal.value(time)
         held, play = 0.0, np.empty_like(command)
@@ -160,14 +159,14 @@ def test_noise_of_known_size_is_found() -> None:
             motion = super().play(scenario, seed)
             (axis,) = scenario.signals
             signal = scenario.signals[axis]
-            if isinstance(signal, Sine) and signal.frequency_Hz == 0.5:
+            if isinstance(signal, signals.Sine) and signal.frequency_Hz == 0.5:
                 t, a = motion.time_s, signal.amplitude * np.pi**2
                 motion.acceleration[axis] = a * (
                     np.sin(np.pi * t) + 0.05 * np.sin(3 * np.pi * t) + 0.02 * np.cos(7 * np.pi * t)
                 )
             return motion
 
-    battery = Battery(Harmonics(), QUICK)
+    battery = qualification.Battery(Harmonics(), qualification.QUICK)
     battery._axis("x")
     assert value(battery.found, "half-hertz noise", "surge x", "low harmonics") == pytest.approx(0.05, rel=0.01)
     assert value(battery.found, "half-hertz noise", "surge x", "high harmonics") == pytest.approx(0.02, rel=0.01)
@@ -176,16 +175,16 @@ def test_noise_of_known_size_is_found() -> None:
 def test_a_row_is_judged_only_where_there_is_a_limit() -> None:
     """Within, beyond, and reported: True, False, None."""
     row = dict(test="t", axis="z", figure="f", unit="m")
-    assert Row(**row, value=1.0, limit=2.0).passed is True
-    assert Row(**row, value=-3.0, limit=2.0).passed is False
-    assert Row(**row, value=3.0).passed is None
-    assert Row(**row, value=None, limit=2.0).passed is None
+    assert qualification.Row(**row, value=1.0, limit=2.0).passed is True
+    assert qualification.Row(**row, value=-3.0, limit=2.0).passed is False
+    assert qualification.Row(**row, value=3.0).passed is None
+    assert qualification.Row(**row, value=None, limit=2.0).passed is None
 
 
 def test_progress_ends_where_it_should() -> None:
     """The fractions rise, stay below 1, and every test is announced."""
     heard: list[tuple[float, str]] = []
-    Battery(LinearRig(), QUICK, lambda fraction, what: heard.append((fraction, what))).run()
+    qualification.Battery(LinearRig(), qualification.QUICK, lambda fraction, what: heard.append((fraction, what))).run()
     fractions = [fraction for fraction, _ in heard]
     assert fractions == sorted(fractions) and 0.9 < fractions[-1] < 1.0
     assert len({what for _, what in heard}) == len(heard)
@@ -194,7 +193,7 @@ def test_progress_ends_where_it_should() -> None:
 def test_the_bench_is_qualified_and_reported(tmp_path) -> None:
     """hexsim qualify on a bench: report and JSON are there, agree, and every limit names its source."""
     heard: list[float] = []
-    result = qualify(load_machine("bench"), tmp_path, quick=True, progress=heard.append)
+    result = qualification.qualify(load_machine("bench"), tmp_path, quick=True, progress=heard.append)
     read = json.loads((tmp_path / "qualify.json").read_text())
     assert read == json.loads(json.dumps(result))
     page = (tmp_path / "report.html").read_text()
@@ -211,6 +210,6 @@ def test_the_bench_is_qualified_and_reported(tmp_path) -> None:
 
 def test_the_full_plan_covers_the_whole_range() -> None:
     """0.1 to 10 Hz, and half a hertz among them; the quick one begins at half a hertz."""
-    for plan, low in ((Plan(), 0.1), (QUICK, 0.5)):
+    for plan, low in ((qualification.Plan(), 0.1), (qualification.QUICK, 0.5)):
         assert plan.frequencies_Hz[0] == low and plan.frequencies_Hz[-1] == 10.0 and 0.5 in plan.frequencies_Hz
         assert math.isclose(plan.linearity_m[-1], plan.half_hertz_m)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 CASES = {

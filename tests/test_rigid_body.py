@@ -4,28 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexsim.machine import load_machine
+from hexsim.machine import geometry, load_machine
 from hexsim.machine.files import changed
-from hexsim.machine.geometry import machine_kinematics, moving_body
-from hexsim.mechanics.kinematics import HexapodKinematics
-from hexsim.mechanics.rigid_body import (
-    Suspension,
-    axial_acceleration,
-    body_acceleration,
-    joined,
-    joint_wrench,
-    joint_wrenches,
-    mass_matrix,
-    pushed_back,
-    quaternion_rate,
-    ride_wrench,
-    rigid_body,
-    rotation_of,
-    spring_acceleration,
-)
+from hexsim.mechanics import kinematics as hexapod_geometry
+from hexsim.mechanics import rigid_body as rigid
 from hexsim.plant import Plant
-from hexsim.tracing.simulation.rig import rig_of
-from hexsim.tracing.simulation.start import load_at
+from hexsim.tracing.simulation import rig as rigs
+from hexsim.tracing.simulation import start
 
 G = 9.81
 POINTS = np.array([[0.3, 0.1, 0.2], [-0.4, 0.5, 0.6], [0.2, -0.6, 0.1], [0.1, 0.2, -0.5]])  # [m]
@@ -37,14 +22,14 @@ def body_of_points(points=POINTS, masses=MASSES):
     mass, centre = masses.sum(), masses @ points / masses.sum()
     arms = points - centre
     inertia = sum(m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(masses, arms, strict=True))
-    return rigid_body(mass, centre, inertia, carried=mass)
+    return rigid.rigid_body(mass, centre, inertia, carried=mass)
 
 
 def spring_along(axis, mass=70.0, place=(0.2, -0.1, 0.5), gravity=(0.0, 0.0, -G)):
     """A mass on a spring of 6 Hz, unstressed where gravity asks for it."""
     omega, n = 2 * np.pi * 6.0, np.array(axis) / np.linalg.norm(axis)
     x, y, z = map(float, n)
-    return Suspension(mass, omega, 0.05, (x, y, z), place, float(n @ gravity) / omega**2)
+    return rigid.Suspension(mass, omega, 0.05, (x, y, z), place, float(n @ gravity) / omega**2)
 
 
 def random_motion(seed=0):
@@ -57,12 +42,12 @@ def test_at_rest_the_joints_carry_the_weight():
     """F = m_c g upwards, M = c x F, to rounding; a mass on a spring along any axis adds its weight where it stands."""
     body = body_of_points()._replace(carried=500.0)
     none, down = (0.0, 0.0, 0.0), (0.0, 0.0, -G)
-    force, moment = joint_wrench(body, none, none, none, down)
+    force, moment = rigid.joint_wrench(body, none, none, none, down)
     assert force == pytest.approx((0.0, 0.0, 500.0 * G), rel=1e-14)
     assert moment == pytest.approx(np.cross(body.centre, force), rel=1e-12)
     for axis in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.3, -0.5, 0.7)):
         spring = spring_along(axis, 50.0)
-        force, moment, _ = ride_wrench(spring, none, none, none, down, spring.rest, 0.0)
+        force, moment, _ = rigid.ride_wrench(spring, none, none, none, down, spring.rest, 0.0)
         assert force == pytest.approx((0.0, 0.0, 50.0 * G), rel=1e-12, abs=1e-10)
         assert moment == pytest.approx(np.cross(spring.place, force), rel=1e-12, abs=1e-10)
 
@@ -72,7 +57,7 @@ def test_wrench_is_what_accelerates_every_point():
 
     Central differences of 0.5 ms err by 1e-6 of the third derivatives here.
     """
-    kinematics = HexapodKinematics.from_geometry(1.6, 6.0, 1.2, 8.0, 1.8, 0.6)
+    kinematics = hexapod_geometry.HexapodKinematics.from_geometry(1.6, 6.0, 1.2, 8.0, 1.8, 0.6)
     body, h = body_of_points(), 5e-4
     amplitude, w = np.array([0.05, 0.04, 0.06, 0.1, 0.12, 0.08]), np.array([5.0, 7.0, 6.0, 8.0, 6.5, 9.0])
 
@@ -84,7 +69,7 @@ def test_wrench_is_what_accelerates_every_point():
     rotation = kinematics.rotation(here)
     twist_rate = kinematics.to_platform_frame(here, kinematics.twist_rate(here, rate, second))
     omega = kinematics.to_platform_frame(here, kinematics.twist(here, rate))[3:]
-    wrench = joint_wrenches(body, twist_rate[None], omega[None], np.zeros((1, 3)))[0]
+    wrench = rigid.joint_wrenches(body, twist_rate[None], omega[None], np.zeros((1, 3)))[0]
 
     def places(t):
         return pose(t)[:3] + POINTS @ kinematics.rotation(pose(t)).T
@@ -98,11 +83,11 @@ def test_acceleration_undoes_wrench():
     """The motion that asks for a wrench is the motion that the wrench makes, with a mass on a spring: 1e-12."""
     body, spring, none = body_of_points(), spring_along((0.3, -0.5, 0.7)), (0.0, 0.0, 0.0)
     a, turning, omega, gravity = random_motion()
-    asked = np.array(joint_wrench(body, a, turning, omega, gravity))
-    asked += ride_wrench(spring, a, turning, omega, gravity, spring.rest, 0.3)[:2]
-    asked -= ride_wrench(spring, none, none, omega, gravity, spring.rest, 0.3)[:2]
-    compliance = np.linalg.inv(mass_matrix(body, spring))
-    back = body_acceleration(body, compliance, tuple(asked[0]), tuple(asked[1]), omega, gravity)
+    asked = np.array(rigid.joint_wrench(body, a, turning, omega, gravity))
+    asked += rigid.ride_wrench(spring, a, turning, omega, gravity, spring.rest, 0.3)[:2]
+    asked -= rigid.ride_wrench(spring, none, none, omega, gravity, spring.rest, 0.3)[:2]
+    compliance = np.linalg.inv(rigid.mass_matrix(body, spring))
+    back = rigid.body_acceleration(body, compliance, tuple(asked[0]), tuple(asked[1]), omega, gravity)
     assert np.concatenate(back) == pytest.approx(np.concatenate([a, turning]), rel=1e-12)
 
 
@@ -112,7 +97,7 @@ def test_a_mass_on_a_spring_feels_its_own_path():
     Its travel is a sine of its own; along the slide the spring would have to push as the wrench's share along it says.
     """
     spring, h, t = spring_along((0.3, -0.5, 0.7), gravity=(0.0, 0.0, 0.0)), 1e-4, 0.3
-    kinematics = HexapodKinematics.from_geometry(1.6, 6.0, 1.2, 8.0, 1.8, 0.6)
+    kinematics = hexapod_geometry.HexapodKinematics.from_geometry(1.6, 6.0, 1.2, 8.0, 1.8, 0.6)
     amplitude, w = np.array([0.05, 0.04, 0.06, 0.1, 0.12, 0.08]), np.array([5.0, 7.0, 6.0, 8.0, 6.5, 9.0])
     phase, n = np.arange(6), np.array(spring.axis)
 
@@ -125,9 +110,9 @@ def test_a_mass_on_a_spring_feels_its_own_path():
     a = kinematics.to_platform_frame(here, kinematics.twist_rate(here, rate, second))
     omega = kinematics.to_platform_frame(here, kinematics.twist(here, rate))[3:]
     q, speed, turn = 0.02 * np.sin(20.0 * t), 0.4 * np.cos(20.0 * t), -8.0 * np.sin(20.0 * t)
-    force, moment, felt = ride_wrench(spring, tuple(a[:3]), tuple(a[3:]), tuple(omega), (0.0, 0.0, 0.0), q, speed)
+    force, moment, felt = rigid.ride_wrench(spring, tuple(a[:3]), tuple(a[3:]), tuple(omega), (0.0, 0.0, 0.0), q, speed)
     true = (path(t + h) - 2 * path(t) + path(t - h)) / h**2 @ kinematics.rotation(here)
-    along = -spring_acceleration(spring, q, speed)
+    along = -rigid.spring_acceleration(spring, q, speed)
     assert np.array(force) / spring.mass == pytest.approx(true + (along - n @ true) * n, rel=1e-5)
     assert moment == pytest.approx(np.cross(spring.place + q * n, force), rel=1e-12)
     assert felt == pytest.approx(n @ true - turn, rel=1e-5)
@@ -135,34 +120,36 @@ def test_a_mass_on_a_spring_feels_its_own_path():
 
 def test_along_the_axis_it_is_the_third_row():
     """A body that only moves along z: the platform's equation without turning and with its centre on the axis."""
-    body = rigid_body(600.0, [0.0, 0.0, 0.3], np.eye(3), carried=650.0)
+    body = rigid.rigid_body(600.0, [0.0, 0.0, 0.3], np.eye(3), carried=650.0)
     none, down = (0.0, 0.0, 0.0), (0.0, 0.0, -G)
-    a = axial_acceleration(body, 9000.0, -G, 400.0)
-    assert joint_wrench(body, (0.0, 0.0, a), none, none, down)[0][2] + 400.0 == pytest.approx(9000.0, rel=1e-14)
+    a = rigid.axial_acceleration(body, 9000.0, -G, 400.0)
+    assert rigid.joint_wrench(body, (0.0, 0.0, a), none, none, down)[0][2] + 400.0 == pytest.approx(9000.0, rel=1e-14)
 
 
 def test_two_bodies_joined_are_their_points_together():
     """Parallel-axis theorem: the halves joined equal the whole, to rounding."""
     whole = body_of_points()
-    halves = joined(body_of_points(POINTS[:2], MASSES[:2]), body_of_points(POINTS[2:], MASSES[2:]))
-    assert mass_matrix(halves) == pytest.approx(mass_matrix(whole), rel=1e-12, abs=1e-10)
+    halves = rigid.joined(body_of_points(POINTS[:2], MASSES[:2]), body_of_points(POINTS[2:], MASSES[2:]))
+    assert rigid.mass_matrix(halves) == pytest.approx(rigid.mass_matrix(whole), rel=1e-12, abs=1e-10)
 
 
 def test_a_free_body_keeps_its_energy_and_its_spin():
     """Without forces v' M v/2 and the angular momentum in the world stay: within 1e-9 over two turns by RK4 in 2,000 steps."""
     body = body_of_points()
-    matrix = mass_matrix(body)
+    matrix = rigid.mass_matrix(body)
     compliance, none = np.linalg.inv(matrix), (0.0, 0.0, 0.0)
 
     def rates(s):
         """q, then velocity of the origin and rates in the body's frame: v' = a - w x v there."""
         omega = (s[7], s[8], s[9])
-        a, turning = body_acceleration(body, compliance, none, none, omega, none)
-        return np.concatenate([quaternion_rate((s[0], s[1], s[2], s[3]), omega), a - np.cross(omega, s[4:7]), turning])
+        a, turning = rigid.body_acceleration(body, compliance, none, none, omega, none)
+        return np.concatenate(
+            [rigid.quaternion_rate((s[0], s[1], s[2], s[3]), omega), a - np.cross(omega, s[4:7]), turning]
+        )
 
     def figures(s):
         momentum = matrix @ s[4:]
-        rotation = np.array(rotation_of((s[0], s[1], s[2], s[3])))
+        rotation = np.array(rigid.rotation_of((s[0], s[1], s[2], s[3])))
         about_centre = momentum[3:] - np.cross(body.centre, momentum[:3])
         return np.concatenate([[0.5 * s[4:] @ momentum], rotation @ momentum[:3], rotation @ about_centre])
 
@@ -178,15 +165,15 @@ def test_a_free_body_keeps_its_energy_and_its_spin():
 
 def test_the_spring_in_time_is_its_transfer_function():
     """q'' = -(w^2 q + 2 zeta w q') - felt integrated in 20 steps a sample gives back what `pushed_back` says: 2 % of its size."""
-    spring, rate = Suspension(mass=1.0, omega=2 * np.pi * 6.0, damping=0.05), 1000.0
+    spring, rate = rigid.Suspension(mass=1.0, omega=2 * np.pi * 6.0, damping=0.05), 1000.0
     felt = G + np.sin(2 * np.pi * 3.0 * np.arange(3000) / rate)
     travel, speed, back, h = -felt[0] / spring.omega**2, 0.0, [], 1 / rate / 20
     for value in felt:
-        back.append(-spring_acceleration(spring, travel, speed))
+        back.append(-rigid.spring_acceleration(spring, travel, speed))
         for _ in range(20):
-            speed += h * (-spring_acceleration(spring, travel, speed) - value)
+            speed += h * (-rigid.spring_acceleration(spring, travel, speed) - value)
             travel += h * speed
-    error = np.array(back) - pushed_back(spring, felt, rate)
+    error = np.array(back) - rigid.pushed_back(spring, felt, rate)
     assert np.std(error) < 0.02 * np.std(back)
 
 
@@ -194,10 +181,10 @@ def test_legs_that_have_mass_carry_the_weight_of_a_payload_once():
     """At rest six thrusts carry m_carried g and the payload's m g: legs that share their weight with the base do not scale it."""
     payload = {"flexible_payload": {"mass_kg": 120.0, "frequency_Hz": 6.0, "damping_ratio": 0.05}}
     machine = changed(load_machine("micro_motion_system"), {"effects": payload})
-    rig, resolved = rig_of(machine)
-    kinematics = machine_kinematics(machine)
-    thrust = load_at(rig, resolved, kinematics.piston_positions(np.zeros(6)), np.zeros(6))[0]
-    carried = moving_body(resolved).carried
+    rig, resolved = rigs.rig_of(machine)
+    kinematics = geometry.machine_kinematics(machine)
+    thrust = start.load_at(rig, resolved, kinematics.piston_positions(np.zeros(6)), np.zeros(6))[0]
+    carried = geometry.moving_body(resolved).carried
     assert resolved.load.leg_mass_kg > 0
     assert kinematics.jacobian(np.zeros(6))[:, 2] @ thrust == pytest.approx(
         -(carried + 120.0) * resolved.gravity_m_s2[2], rel=1e-12
@@ -217,8 +204,8 @@ def test_legs_at_neutral_resist_as_those_of_the_full_model():
         data.xfrc_applied[model.body("platform").id] = 1000.0 * np.eye(6)[k]
         mujoco.mj_forward(model, data)
         answers[:, k] = data.qacc[:6] / 1000.0
-    rig, resolved = rig_of(machine)
+    rig, resolved = rigs.rig_of(machine)
     size = np.sqrt(np.diag(answers))
     assert np.max(np.abs(rig.load.compliance - answers) / np.outer(size, size)) < 1e-3
-    body = np.linalg.inv(mass_matrix(moving_body(resolved)))
+    body = np.linalg.inv(rigid.mass_matrix(geometry.moving_body(resolved)))
     assert np.all(np.abs(body - answers).diagonal()[:2] / size[:2] ** 2 > 3e-3)

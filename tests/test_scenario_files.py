@@ -3,17 +3,17 @@
 import pytest
 import tomli_w
 
-from hexsim import scenarios
-from hexsim.errors import HexsimError
+import hexsim as hx
+from hexsim import HexsimError, load_scenario, scenarios
 from hexsim.machine import load_machine
-from hexsim.scenarios import available_scenarios, load_scenario, scenario_from_dict
-from hexsim.scenarios.settings import apply_settings, scenario_and_machine
+from hexsim.scenarios import scenario_from_dict
+from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
 
 HEAVE = {"name": "mine", "duration_s": 0.1, "axes": {"z": {"kind": "sine", "amplitude": 0.01, "frequency_Hz": 1.0}}}
 
 
-@pytest.mark.parametrize("name", available_scenarios())
+@pytest.mark.parametrize("name", hx.available()["scenarios"])
 def test_tables_make_the_scenario_again(name):
     """to_dict and scenario_from_dict are each other's inverse, for every scenario that travels with hexsim."""
     scenario = load_scenario(name)
@@ -117,7 +117,7 @@ def test_amplitudes_and_frequencies_of_the_command_line_are_checked():
 
 def test_settings_reach_signals_and_faults_are_kept():
     """`scenario.axes.z.amplitude` changes the signal, and the rest of the scenario stays."""
-    scenario, machine = scenario_and_machine("heave")
+    scenario, machine = load_scenario("heave"), load_machine("micro_motion_system")
     changed, _ = apply_settings(scenario, machine, {"scenario.axes.z.amplitude": 0.02})
     assert changed.signals["z"].amplitude == 0.02
     assert {**changed.to_dict(), "axes": None} == {**scenario.to_dict(), "axes": None}

@@ -9,25 +9,30 @@ import pytest
 from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
+import hexsim
 from hexsim.cli import app
-from hexsim.cli.schema import machine_schema, scenario_schema
-from hexsim.hydraulics.effects import library
+from hexsim.hydraulics import effects
 from hexsim.machine import models_folder
-from hexsim.scenarios.scenario import FOLDER
 
 DATA = Path(__file__).parent / "data"
+SCENARIO_FILES = Path(hexsim.__file__).parent / "scenarios"
 MACHINES = [*models_folder().glob("*/*.toml"), *DATA.glob("*/machine.toml")]
-SCENARIOS = list(FOLDER.glob("*.toml"))
+SCENARIOS = list(SCENARIO_FILES.glob("*.toml"))
+
+
+def schema_of(what):
+    """What `hexsim export schema` prints."""
+    return json.loads(CliRunner().invoke(app, ["export", "schema", what]).stdout)
 
 
 @pytest.fixture(scope="module")
 def machine():
-    return Draft202012Validator(machine_schema())
+    return Draft202012Validator(schema_of("machine"))
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return Draft202012Validator(scenario_schema())
+    return Draft202012Validator(schema_of("scenario"))
 
 
 def test_there_are_files_to_check():
@@ -79,7 +84,7 @@ def test_a_bad_machine_file_has_not(machine, table, key, value):
 )
 def test_a_bad_scenario_file_has_not(scenario, change):
     """An unknown kind, a missing key, a fault without its time or with a wrong word, an unknown key."""
-    good = tomllib.loads((FOLDER / "heave.toml").read_text())
+    good = tomllib.loads((SCENARIO_FILES / "heave.toml").read_text())
     assert not scenario.is_valid({**copy.deepcopy(good), **change})
 
 
@@ -90,7 +95,7 @@ def test_every_key_says_what_it_is(machine):
             assert "description" in field, f"{name}.{key}"
             if field.get("type") == "number":
                 assert field["description"].endswith("]") or "[" in field["description"], f"{name}.{key}"
-    assert set(machine.schema["properties"]["effects"]["properties"]) == set(library())
+    assert set(machine.schema["properties"]["effects"]["properties"]) == set(effects.library())
 
 
 def test_a_mapping_is_checked_and_each_key_says_what_it_is():

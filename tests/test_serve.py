@@ -15,16 +15,14 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.compensator_packet import AskedCompensator
+from hexsim.motion_computer import compensator_packet, host_packet, states
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
-from hexsim.motion_computer.states import State
-from hexsim.recording.run_files import write_essentials
-from hexsim.simulation.serve import Server, serve
+from hexsim.recording import run_files
+from hexsim.simulation import serve as serving
 
 MACHINE = load_machine("micro_motion_system")
 
@@ -32,13 +30,13 @@ MACHINE = load_machine("micro_motion_system")
 class Host:
     """A host that sends when it is told to, with its own socket."""
 
-    def __init__(self, server: Server) -> None:
+    def __init__(self, server: serving.Server) -> None:
         self.server = server
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(2.0)
         self.sequence = 0
-        self.reply: Reply | None = None
+        self.reply: host_packet.Reply | None = None
 
     def run(
         self, seconds: float, setpoint=lambda t: (0.0,) * 6, command: str = "none", every: int = 8, mode: int = 0
@@ -47,21 +45,21 @@ class Host:
         for k in range(round(seconds / self.server.tick_s)):
             if k % every == 0:
                 now = self.server.time_s
-                packet = HostCommand(
+                packet = host_packet.HostCommand(
                     sequence=self.sequence, time_s=now, setpoints=tuple(setpoint(now)), command=command, mode=mode
                 )
                 self.socket.sendto(packet.pack(), self.server.address)
                 self.sequence, command = self.sequence + 1, "none"
             self.server.tick()
             if k % every == 0:
-                reply = unpack_reply(self.socket.recv(REPLY.size))
-                assert isinstance(reply, Reply), reply
+                reply = host_packet.unpack_reply(self.socket.recv(host_packet.REPLY.size))
+                assert isinstance(reply, host_packet.Reply), reply
                 self.reply = reply
 
 
 @pytest.fixture
 def server():
-    with Server(MACHINE, port=0, timestep=2e-4) as made:
+    with serving.Server(MACHINE, port=0, timestep=2e-4) as made:
         yield made
 
 
@@ -82,7 +80,7 @@ def test_a_host_moves_the_platform_and_reads_its_pose(server, host) -> None:
     host.run(0.1, command="run_normal")
     start = server.time_s
     host.run(3.0, lambda t: (0, 0, 0.02 * smooth(t - start), 0, 0, 0))
-    assert host.reply.state == State.NORMAL and host.reply.errors == Error.NONE
+    assert host.reply.state == states.State.NORMAL and host.reply.errors == Error.NONE
     true = server.plant.data.qpos[2] - server.plant.kinematics.neutral_height_m
     assert host.reply.pose[2] == pytest.approx(true, abs=5e-5)
     assert true == pytest.approx(0.02, abs=1.5e-3)  # position error of the loop: dead band over gain, 45 mV / 50 V/m
@@ -91,28 +89,28 @@ def test_a_host_moves_the_platform_and_reads_its_pose(server, host) -> None:
 
 def test_the_whole_cycle_of_states() -> None:
     """From its stops: start, neutral, normal, back to neutral, settle, off; legs at rest on the stops at both ends."""
-    with Server(MACHINE, port=0, timestep=2e-4, start="off") as server:
+    with serving.Server(MACHINE, port=0, timestep=2e-4, start="off") as server:
         host = Host(server)
         with contextlib.closing(host.socket):
             assert server.plant.piston_positions().max() < 0.006
             host.run(6.0, command="start")
-            assert host.reply.state == State.NEUTRAL and host.reply.arrived
+            assert host.reply.state == states.State.NEUTRAL and host.reply.arrived
             assert server.plant.piston_positions() == pytest.approx(np.full(6, 0.1), abs=1.5e-3)
             host.run(0.5, command="run_normal")
             host.run(2.0, command="return_neutral")
-            assert host.reply.state == State.NEUTRAL
+            assert host.reply.state == states.State.NEUTRAL
             host.run(7.0, command="settle")
-            assert host.reply.state == State.OFF and host.reply.arrived
+            assert host.reply.state == states.State.OFF and host.reply.arrived
             assert server.plant.piston_positions().max() < 0.006
 
 
 def test_a_forbidden_command_is_refused_and_said(server, host) -> None:
     """start while in neutral: the state stays, the reply says refused, the message says what is possible."""
     host.run(0.1, command="start")
-    assert host.reply.state == State.NEUTRAL and host.reply.refused
+    assert host.reply.state == states.State.NEUTRAL and host.reply.refused
     assert any("'start' is not possible in state neutral; possible: " in text for _, _, text in server.messages)
     host.run(0.1, command="run_normal")
-    assert host.reply.state == State.NORMAL and not host.reply.refused
+    assert host.reply.state == states.State.NORMAL and not host.reply.refused
 
 
 def test_a_silent_host_ends_in_fault_and_the_platform_settles(server, host) -> None:
@@ -121,10 +119,10 @@ def test_a_silent_host_ends_in_fault_and_the_platform_settles(server, host) -> N
     for _ in range(round(8.0 / server.tick_s)):
         server.tick()
     host.run(0.1)
-    assert host.reply.state == State.FAULT and host.reply.errors == Error.HOST_TIMEOUT and host.reply.arrived
+    assert host.reply.state == states.State.FAULT and host.reply.errors == Error.HOST_TIMEOUT and host.reply.arrived
     assert server.plant.piston_positions().max() < 0.006
     host.run(0.1, command="reset")
-    assert host.reply.state == State.OFF and host.reply.errors == Error.NONE
+    assert host.reply.state == states.State.OFF and host.reply.errors == Error.NONE
 
 
 def test_actuator_mode_moves_one_leg(server, host) -> None:
@@ -145,7 +143,7 @@ def test_an_absurd_wish_is_held_within_the_limits(server, host) -> None:
     for _ in range(20):
         host.run(0.1, lambda t: (900.0,) * 6)
         peak = max(peak, float(np.abs(server.plant.data.qacc[:3]).max()))
-    assert host.reply.state == State.NORMAL and host.reply.errors == Error.WORKSPACE
+    assert host.reply.state == states.State.NORMAL and host.reply.errors == Error.WORKSPACE
     positions = server.plant.piston_positions()
     assert positions.min() > MACHINE.cylinder.cushion_length_m
     assert positions.max() < MACHINE.cylinder.stroke_m - MACHINE.cylinder.cushion_length_m
@@ -157,7 +155,10 @@ def test_a_flood_of_noise_does_not_stop_the_machine(server, host) -> None:
     source = random.Random(5)
     flooder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     host.run(0.1, command="run_normal")
-    start, good = server.time_s, HostCommand(sequence=9, time_s=1.0, setpoints=(0.1,) * 6, command="settle").pack()
+    start, good = (
+        server.time_s,
+        host_packet.HostCommand(sequence=9, time_s=1.0, setpoints=(0.1,) * 6, command="settle").pack(),
+    )
 
     def wish(t: float):
         for k in range(20):
@@ -169,7 +170,7 @@ def test_a_flood_of_noise_does_not_stop_the_machine(server, host) -> None:
 
     with contextlib.closing(flooder):
         host.run(2.5, wish)
-    assert host.reply.state == State.NORMAL
+    assert host.reply.state == states.State.NORMAL
     assert host.reply.pose[2] == pytest.approx(0.02, abs=1.5e-3)
     assert server.link.counts["malformed"] > 500 and server.link.counts["other host"] > 500
 
@@ -184,13 +185,13 @@ def test_more_packets_than_a_tick_can_take(server) -> None:
         assert server.link.counts["received"] == 64
         for _ in range(20):
             server.tick()
-    assert server.computer.state == State.NEUTRAL
+    assert server.computer.state == states.State.NEUTRAL
 
 
 def test_a_host_that_is_gone_is_survived(server) -> None:
     """Answers to a closed socket come back as errors of the operating system: the machine goes on."""
     gone = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    gone.sendto(HostCommand(sequence=1, time_s=0.0, setpoints=(0.0,) * 6).pack(), server.address)
+    gone.sendto(host_packet.HostCommand(sequence=1, time_s=0.0, setpoints=(0.0,) * 6).pack(), server.address)
     gone.close()
     for _ in range(20):
         server.tick()
@@ -201,13 +202,13 @@ def test_it_binds_to_loopback_unless_told_otherwise(server) -> None:
     """The default address is 127.0.0.1; a port in use is a sentence."""
     assert server.address[0] == "127.0.0.1"
     with pytest.raises(HexsimError, match=r"cannot listen on 127.0.0.1:\d+: .*; give a free port"):
-        Server(MACHINE, port=server.address[1])
+        serving.Server(MACHINE, port=server.address[1])
 
 
 def test_real_time_is_kept_and_said() -> None:
     """Half a second of machine time takes at least half a second; the status tells margin and lag."""
     begin = time.perf_counter()
-    status = serve(MACHINE, port=0, duration_s=0.5, timestep=2e-4)
+    status = serving.serve(MACHINE, port=0, duration_s=0.5, timestep=2e-4)
     assert time.perf_counter() - begin >= 0.5 - 0.002
     assert status.time_s == pytest.approx(0.5)
     assert status.margin > 1.0
@@ -226,7 +227,7 @@ def test_the_example_host_drives_the_machine(monkeypatch, capsys) -> None:
 def test_valve_delay_and_hysteresis_act_in_serve() -> None:
     """10 ms of delay and 0.2 V of hysteresis: the spools get the volts of five ticks ago through the play of 0.2 V."""
     effects = {"effects.valve_delay": {"delay_s": 0.01}, "effects.valve_hysteresis": {"half_width_V": 0.2}}
-    with Server(changed(MACHINE, effects), port=0, timestep=2e-4) as server:
+    with serving.Server(changed(MACHINE, effects), port=0, timestep=2e-4) as server:
         server.computer.command("run_manual", 0.0)
         commanded, spools = [], []
         for _ in range(400):
@@ -241,7 +242,7 @@ def test_valve_delay_and_hysteresis_act_in_serve() -> None:
 
 def test_a_bench_reports_its_pose_and_its_reference() -> None:
     """A bench in mode 0: heave of 10 mm is followed, and the reply holds pose and reference in z, zeros elsewhere."""
-    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4) as server:
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1, command="run_normal")
@@ -251,7 +252,7 @@ def test_a_bench_reports_its_pose_and_its_reference() -> None:
         assert host.reply.pose == pytest.approx((0, 0, 0.01, 0, 0, 0), abs=1.5e-3)
 
 
-def ask(host, server, asked: AskedCompensator) -> None:
+def ask(host, server, asked: compensator_packet.AskedCompensator) -> None:
     for packet in asked.packets():
         host.socket.sendto(packet, server.address)
 
@@ -259,20 +260,20 @@ def ask(host, server, asked: AskedCompensator) -> None:
 def test_a_compensator_that_was_asked_for_twice_does_not_refuse_the_command_after_it() -> None:
     """Plain control asked for twice and run_normal wait in the socket together, as after a machine that compiled: all are
     taken, nothing is refused."""
-    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4) as server:
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1)
             for _ in range(2):
-                ask(host, server, AskedCompensator(leg=0, n_legs=1))
+                ask(host, server, compensator_packet.AskedCompensator(leg=0, n_legs=1))
             host.run(0.1, command="run_normal")
-        assert host.reply.state == State.NORMAL and not host.reply.refused
+        assert host.reply.state == states.State.NORMAL and not host.reply.refused
 
 
 def test_a_served_run_leaves_a_folder_like_any_other(tmp_path: Path) -> None:
     """Half a second at rest and half a second of manual mode, of which 0.8 s are kept: log, configuration and summary
     are written; the log has every tick of them, its setpoints those of the motion computer."""
-    with Server(MACHINE, port=0, record_s=0.8) as server:
+    with serving.Server(MACHINE, port=0, record_s=0.8) as server:
         for _ in range(250):
             server.tick()
         server.computer.command("run_manual", server.time_s)
@@ -283,7 +284,7 @@ def test_a_served_run_leaves_a_folder_like_any_other(tmp_path: Path) -> None:
             server.tick()
         assert server.record is not None
         run = server.record.run()
-    names = write_essentials(run, tmp_path, "parquet")
+    names = run_files.write_essentials(run, tmp_path, "parquet")
     assert {"log.parquet", "config.toml", "summary.json"} <= set(names)
     log = pl.read_parquet(tmp_path / "log.parquet")
     assert log.height == 400
@@ -303,8 +304,8 @@ def test_a_packet_names_built_in_algorithms_alone(tmp_path: Path, monkeypatch, n
     monkeypatch.setattr("compensation.library.Library", lambda **how: loaded.append("library"))
     monkeypatch.setitem(sys.modules, "evil_module", None)
     monkeypatch.setattr("compensation.registry._import", loaded.append)
-    asked = AskedCompensator(leg=1, n_legs=1, name=name.format(folder=tmp_path), parameters={})
-    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+    asked = compensator_packet.AskedCompensator(leg=1, n_legs=1, name=name.format(folder=tmp_path), parameters={})
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4) as server:
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1)
@@ -320,17 +321,17 @@ def test_a_packet_names_built_in_algorithms_alone(tmp_path: Path, monkeypatch, n
 def test_nothing_is_made_while_the_machine_moves(monkeypatch) -> None:
     """To make a compensator takes longer than a tick: a host that asks for other ones all the time in normal state is
     refused, and none is made."""
-    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4) as server:
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1, command="run_normal")
             made = []
             monkeypatch.setattr(server.orders.asked, "_started", made.append)
             for k in range(20):
-                asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"k": k})
+                asked = compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"k": k})
                 ask(host, server, asked)
             host.run(0.1)
-            assert host.reply.state == State.NORMAL and host.reply.refused and made == []
+            assert host.reply.state == states.State.NORMAL and host.reply.refused and made == []
 
 
 @pytest.mark.parametrize(
@@ -338,13 +339,17 @@ def test_nothing_is_made_while_the_machine_moves(monkeypatch) -> None:
 )
 def test_parameters_of_any_kind_are_survived(parameters) -> None:
     """Parameters that are not the algorithm's: taken or refused, and the machine ticks on."""
-    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4) as server:
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1)
-            ask(host, server, AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=parameters))
+            ask(
+                host,
+                server,
+                compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=parameters),
+            )
             host.run(0.1)
-            assert host.reply.state == State.NEUTRAL
+            assert host.reply.state == states.State.NEUTRAL
 
 
 def test_a_new_host_takes_over_in_lockstep(monkeypatch) -> None:
@@ -352,7 +357,7 @@ def test_a_new_host_takes_over_in_lockstep(monkeypatch) -> None:
     by the clock, then it is the host, and machine time goes on with its clock. The old one, back again, is refused."""
     now = [100.0]
     monkeypatch.setattr("hexsim.motion_computer.host_link.clock", SimpleNamespace(monotonic=lambda: now[0]))
-    with Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
         first, second = (Lockstep(server, now) for _ in range(2))
         with contextlib.closing(first.socket), contextlib.closing(second.socket):
             assert sum(first.exchange(0.05) for _ in range(20)) == 20
@@ -369,7 +374,7 @@ def test_a_host_that_begins_anew_in_lockstep_is_followed(monkeypatch, step_s: fl
     where they are other ones, within a second by the clock where they are the same bytes once more."""
     now = [100.0]
     monkeypatch.setattr("hexsim.motion_computer.host_link.clock", SimpleNamespace(monotonic=lambda: now[0]))
-    with Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
         host = Lockstep(server, now)
         with contextlib.closing(host.socket):
             for _ in range(40):
@@ -384,7 +389,7 @@ def test_a_host_that_begins_anew_in_lockstep_is_followed(monkeypatch, step_s: fl
 class Lockstep:
     """A host of a machine in lockstep; each exchange takes as long by the clock `now` as it asks the machine to run."""
 
-    def __init__(self, server: Server, now: list[float]) -> None:
+    def __init__(self, server: serving.Server, now: list[float]) -> None:
         self.server, self.now, self.sequence, self.time_s = server, now, 0, 0.0
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
@@ -394,44 +399,46 @@ class Lockstep:
         """Whether the machine answers."""
         self.now[0] += step_s
         self.sequence, self.time_s = self.sequence + 1, self.time_s + step_s
-        command = HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=(0.0,) * 6)
+        command = host_packet.HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=(0.0,) * 6)
         self.socket.sendto(command.pack(), self.server.address)
         self.server.follow()
         try:
-            return isinstance(unpack_reply(self.socket.recv(REPLY.size)), Reply)
+            return isinstance(host_packet.unpack_reply(self.socket.recv(host_packet.REPLY.size)), host_packet.Reply)
         except TimeoutError:
             return False
 
 
 def test_a_stranger_gets_no_answer_in_lockstep() -> None:
     """Noise and another host's packets: nothing is sent to the host in charge for them."""
-    with Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
         host, stranger = Lockstep(server, [0.0]), Lockstep(server, [0.0])
         with contextlib.closing(host.socket), contextlib.closing(stranger.socket):
             assert host.exchange(0.01)
-            for data in (b"x", HostCommand(sequence=5, time_s=9.0, setpoints=(0.0,) * 6).pack()):
+            for data in (b"x", host_packet.HostCommand(sequence=5, time_s=9.0, setpoints=(0.0,) * 6).pack()):
                 stranger.socket.sendto(data, server.address)
                 server.follow()
             with pytest.raises(TimeoutError):
-                host.socket.recv(REPLY.size)
+                host.socket.recv(host_packet.REPLY.size)
 
 
 def test_what_waits_behind_a_pause_of_the_server_is_not_a_new_host() -> None:
     """The server stood still for longer than a host may be silent, with packets of a stranger before the host's in its
     socket: the host keeps the link."""
-    with Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
         host, stranger = Lockstep(server, [0.0]), Lockstep(server, [0.0])
         with contextlib.closing(host.socket), contextlib.closing(stranger.socket):
             assert host.exchange(0.01)
             server.link._heard_s -= 5.0
-            stranger.socket.sendto(HostCommand(sequence=5, time_s=9.0, setpoints=(0.0,) * 6).pack(), server.address)
+            stranger.socket.sendto(
+                host_packet.HostCommand(sequence=5, time_s=9.0, setpoints=(0.0,) * 6).pack(), server.address
+            )
             assert host.exchange(0.01)
             assert server.link.counts["other host"] == 1
 
 
 def test_telemetry_without_a_host_is_not_kept() -> None:
     """A second of telemetry that nobody takes: at most the rows of a packet wait."""
-    with Server(load_machine("bench"), port=0, timestep=2e-4, telemetry=True) as server:
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4, telemetry=True) as server:
         for _ in range(500):
             server.tick()
         assert len(server.telemetry._rows) < 4
@@ -452,7 +459,9 @@ def test_the_first_signal_ends_serve(signal_name: str, more: list[str]) -> None:
         address = "127.0.0.1", int(line.split("127.0.0.1:")[1].split(",")[0])
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flooder:
             for k in range(2000):
-                flooder.sendto(HostCommand(sequence=k, time_s=0.5 * k, setpoints=(0.0,) * 6).pack(), address)
+                flooder.sendto(
+                    host_packet.HostCommand(sequence=k, time_s=0.5 * k, setpoints=(0.0,) * 6).pack(), address
+                )
         running.send_signal(getattr(signal, signal_name))
         out, said = running.communicate(timeout=100.0)  # a tick that compiles ends first
     finally:

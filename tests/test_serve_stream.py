@@ -11,13 +11,11 @@ import pytest
 from typer.testing import CliRunner
 from websockets.typing import Subprotocol
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
-from hexsim.signals.table import table
+from hexsim.signals import table as signal_table
+from hexsim.simulation import live, serve
 from hexsim.simulation import stream as stream_module
-from hexsim.simulation.live import LiveMachine
-from hexsim.simulation.serve import Server
-from hexsim.simulation.stream import LAYOUT, PORT, FoxgloveStream, JsonStream, RerunStream, open_stream, play_log
 
 TICKS = 40
 
@@ -30,17 +28,17 @@ def test_every_tick_is_a_row_of_the_logs_columns(name, request):
         there.bind(("127.0.0.1", 0))
         there.settimeout(5.0)
         rows = []
-        with Server(machine, port=0, stream=JsonStream(there.getsockname())) as server:
+        with serve.Server(machine, port=0, stream=stream_module.JsonStream(there.getsockname())) as server:
             for _ in range(TICKS):
                 server.tick()
                 rows.append(json.loads(there.recv(65536)))
     n = machine.n_legs
     stems = ("setpoint", "position", "pressure_bottom", "valve", "compensation", "pressure_supply", "true_acceleration")
-    wanted = {column for stem in stems for column in table()[stem].columns(n)} | {"timestamp", "state"}
+    wanted = {column for stem in stems for column in signal_table.table()[stem].columns(n)} | {"timestamp", "state"}
     assert wanted <= rows[0].keys()
     steps = [b["timestamp"] - a["timestamp"] for a, b in zip(rows, rows[1:], strict=False)]
     assert steps == pytest.approx([1.0 / machine.controller.rate_Hz] * (TICKS - 1))
-    positions = [rows[-1][column] for column in table()["position"].columns(n)]
+    positions = [rows[-1][column] for column in signal_table.table()["position"].columns(n)]
     assert positions == pytest.approx(list(server._positions), abs=1e-9)
     assert rows[-1]["state"] == "neutral"
 
@@ -56,7 +54,7 @@ def test_a_live_machine_sends_the_same_columns(bench):
         def close(self):
             pass
 
-    LiveMachine(bench, stream=Kept()).advance(0.02)
+    live.LiveMachine(bench, stream=Kept()).advance(0.02)
     assert [time for time, _ in rows] == pytest.approx([0.002 * (k + 1) for k in range(10)])
     assert {"setpoint_m", "position_m", "valve_V", "true_acceleration_m_s2"} <= rows[0][1].keys()
     assert "state" not in rows[0][1]
@@ -73,7 +71,7 @@ def test_a_log_is_played_as_it_was_logged():
         def close(self):
             pass
 
-    play_log(log, Kept())
+    stream_module.play_log(log, Kept())
     assert rows == [(0.0, 0.1), (0.001, 0.2), (0.002, None)]
 
 
@@ -83,13 +81,13 @@ def test_foxglove_sees_the_rows():
     pytest.importorskip("foxglove")
     from websockets.sync.client import connect
 
-    stream = FoxgloveStream(("127.0.0.1", 0))
+    stream = stream_module.FoxgloveStream(("127.0.0.1", 0))
     try:
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(stream.address)
         stream.row(0.5, {"position_m": 0.1, "state": "normal"})
         with pytest.raises(HexsimError, match=r"cannot listen on 127\.0\.0\.1:\d+ for Foxglove"):
-            FoxgloveStream(stream.address)
+            stream_module.FoxgloveStream(stream.address)
         with connect(f"ws://127.0.0.1:{stream.address[1]}", subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:
             offered = {}
             while offered.get("op") != "advertise":
@@ -113,8 +111,8 @@ def test_foxglove_sees_the_rows():
 
 def test_the_layout_shows_columns_that_are_sent():
     """Every path of the layout in the package is a column of the log, of a bench or of a hexapod."""
-    paths = re.findall(r'"value": "/hexsim\.(\w+)"', LAYOUT.read_text())
-    known = {column for signal in table().values() for n in (1, 6) for column in signal.columns(n)}
+    paths = re.findall(r'"value": "/hexsim\.(\w+)"', stream_module.LAYOUT.read_text())
+    known = {column for signal in signal_table.table().values() for n in (1, 6) for column in signal.columns(n)}
     assert len(paths) > 30 and set(paths) <= known
 
 
@@ -124,7 +122,7 @@ def test_rerun_gets_every_number(tmp_path, monkeypatch):
     import rerun as rr
 
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda self, url: None)
-    stream, sent = RerunStream("rerun+http://127.0.0.1:9/proxy"), []
+    stream, sent = stream_module.RerunStream("rerun+http://127.0.0.1:9/proxy"), []
     stream.recording.save(tmp_path / "rows.rrd")
     column, columns = rr.TimeColumn, rr.Scalars.columns
     monkeypatch.setattr(
@@ -143,17 +141,17 @@ def test_rerun_gets_every_number(tmp_path, monkeypatch):
 def test_without_a_viewer_nothing_is_raised(monkeypatch):
     """Rerun's address with nobody at it: rows and the end pass. A wait of 0.2 s for it is enough."""
     monkeypatch.setattr(stream_module, "FLUSH_s", 0.2)
-    stream = open_stream("rerun+http://127.0.0.1:9/proxy")
+    stream = stream_module.open_stream("rerun+http://127.0.0.1:9/proxy")
     stream.row(0.0, {"position_m": 0.1, "pressure_top_Pa": None})
     stream.close()
 
 
 def test_addresses(capsys):
     """An address alone has PlotJuggler's port; what is none is refused in one sentence, by the command with exit code 2."""
-    for text, address in (("127.0.0.1", ("127.0.0.1", PORT)), ("127.0.0.1:5000", ("127.0.0.1", 5000))):
-        stream = open_stream(text)
+    for text, address in (("127.0.0.1", ("127.0.0.1", stream_module.PORT)), ("127.0.0.1:5000", ("127.0.0.1", 5000))):
+        stream = stream_module.open_stream(text)
         stream.close()
-        assert isinstance(stream, JsonStream) and stream.address == address
+        assert isinstance(stream, stream_module.JsonStream) and stream.address == address
     wrong = (
         "",
         ":5000",
@@ -166,7 +164,7 @@ def test_addresses(capsys):
     )
     for text in wrong:
         with pytest.raises(HexsimError, match="--stream"):
-            open_stream(text)
+            stream_module.open_stream(text)
     for command in (["serve", "-m", "bench"], ["run", "heave"], ["live", "heave"]):
         done = CliRunner().invoke(app, [*command, "--stream", "127.0.0.1:x"])
         assert done.exit_code == 2 and "--stream" in done.output

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from hexsim.motion_computer.host_packet import HostCommand
+from hexsim.motion_computer import host_packet
 from hexsim.simulation.serve_latency import LatencyLog
 
 DRIVE = """
@@ -58,7 +58,9 @@ def test_latency_is_found(late_s: float) -> None:
 
     for k in range(1200):
         t = k / 60
-        log.packet(t + 0.5 + rng.uniform(0.0, 0.008), HostCommand(sequence=k, time_s=t, setpoints=tuple(motion(t))))
+        log.packet(
+            t + 0.5 + rng.uniform(0.0, 0.008), host_packet.HostCommand(sequence=k, time_s=t, setpoints=tuple(motion(t)))
+        )
     for k in range(10_000):
         now = 0.5 + k * tick
         log.tick(now, acceleration(now - 0.5 - late_s) + rng.normal(0.0, 0.02, 6))

@@ -8,13 +8,13 @@ import polars as pl
 import pytest
 from scipy.signal import cont2discrete, dlsim
 
-from hexsim.errors import HexsimError
+import hexsim as hx
+from hexsim import HexsimError, load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import available_scenarios, load_scenario, replay_scenario, scenario_from_dict
+from hexsim.scenarios import replay_scenario, scenario_from_dict
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.simulation import simulate
-from hexsim.smoothness import band_limit
 
 BENCH_COLUMNS = [
     "time_s",
@@ -32,7 +32,7 @@ def machine():
     return load_machine("micro_motion_system")
 
 
-@pytest.mark.parametrize("name", available_scenarios())
+@pytest.mark.parametrize("name", hx.available()["scenarios"])
 def test_every_scenario_starts(name):
     """Each scenario that travels with hexsim runs for half a second and gives figures for all axes."""
     scenario = load_scenario(name, duration_s=0.5)
@@ -239,7 +239,7 @@ def test_noise_in_the_felt_band_does_not_depend_on_the_rate_of_the_log():
         noise = (log["position_m"] - log["true_position_m"]).to_numpy()
         declared = bench.sensors.position_noise_m
         assert noise.std() == pytest.approx(declared, rel=4 / np.sqrt(2 * 4000))
-        felt = band_limit(log["time_s"].to_numpy(), noise).std()
+        felt = smoothness.band_limit(log["time_s"].to_numpy(), noise).std()
         assert felt == pytest.approx(declared * np.sqrt(0.1), rel=4 / np.sqrt(2 * 400))
 
 

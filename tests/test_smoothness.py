@@ -6,31 +6,14 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfreqz
 
-from hexsim.errors import HexsimError
-from hexsim.setpoints.signals import ConstantAccelerationReversals, Sine
-from hexsim.smoothness import (
-    AxisMotion,
-    ReversalBump,
-    band_limit,
-    bump_fit,
-    describing_function,
-    deviation_from_command,
-    half_hertz_noise,
-    harmonic_deviation,
-    parasitic,
-    peaks_at_reversals,
-    response_delay_s,
-    reversal_bumps,
-    reversals_of_velocity,
-    summary_axes,
-    turn_around_check,
-)
+from hexsim import HexsimError, smoothness
+from hexsim.setpoints import signals
 from hexsim.smoothness.band import low_pass_sections
 
 RATE_Hz = 1000.0
 TIME = np.arange(0.0, 20.0, 1.0 / RATE_Hz)
 W = 2.0 * np.pi * 0.5
-HEAVE = Sine(amplitude=0.05, frequency_Hz=0.5)
+HEAVE = signals.Sine(amplitude=0.05, frequency_Hz=0.5)
 AMPLITUDE = 0.05 * W**2  # 0.493 m/s2
 INNER = slice(200, -200)  # 0.2 s off the ends of the record, past the filter's padding
 
@@ -53,7 +36,9 @@ def test_band_limit_has_the_gain_of_its_formula_and_no_phase(frequency, gain):
     """|H| = 1 / (1 + (f / 50)^8), sampled at 10 kHz (tangent warping: 2 % at 200 Hz); the wave does not move."""
     time = np.arange(0.0, 2.0, 1e-4)
     wave = np.sin(2.0 * np.pi * frequency * time + 0.7)
-    assert band_limit(time, wave)[3000:-3000] == pytest.approx(gain * wave[3000:-3000], abs=0.01 * gain + 1e-5)
+    assert smoothness.band_limit(time, wave)[3000:-3000] == pytest.approx(
+        gain * wave[3000:-3000], abs=0.01 * gain + 1e-5
+    )
 
 
 @pytest.mark.parametrize(("order", "cut_off"), [(2, 0.003), (4, 0.05), (6, 0.3)])
@@ -71,13 +56,13 @@ def test_delay_is_exact_where_the_command_is_linear_between_its_samples():
     command = HEAVE.acceleration(TIME)
     for delay_s in (-0.01234, 0.05077):
         response = np.interp(TIME - delay_s, TIME, command)
-        assert response_delay_s(TIME, response, command) == pytest.approx(delay_s, abs=1e-9)
+        assert smoothness.response_delay_s(TIME, response, command) == pytest.approx(delay_s, abs=1e-9)
 
 
 def test_band_limit_keeps_constants_and_straight_lines():
     """The padding continues a line: nothing happens to it, up to the very ends."""
     line = 3.0 - 2.0 * TIME
-    assert band_limit(TIME, line) == pytest.approx(line, abs=1e-7)
+    assert smoothness.band_limit(TIME, line) == pytest.approx(line, abs=1e-7)
 
 
 @pytest.mark.parametrize("frequency", [0.5, 5.0, 20.0, 60.0, 109.0, 300.0])
@@ -85,7 +70,7 @@ def test_band_limit_of_a_cut_record_is_that_of_the_whole_but_for_its_last_40_ms(
     """It differs by less than 0.5 % of the wave 40 ms inside the cut; at the cut by nearly all of it at the worst."""
     for phase in np.linspace(0.0, 2.0 * np.pi, 12):
         wave = np.sin(2.0 * np.pi * frequency * TIME + phase)
-        error = np.abs(band_limit(TIME[:10_000], wave[:10_000]) - band_limit(TIME, wave)[:10_000])
+        error = np.abs(smoothness.band_limit(TIME[:10_000], wave[:10_000]) - smoothness.band_limit(TIME, wave)[:10_000])
         assert error[200:-40].max() < 0.005
         assert error[-40:].max() < 0.9
 
@@ -93,9 +78,9 @@ def test_band_limit_of_a_cut_record_is_that_of_the_whole_but_for_its_last_40_ms(
 def test_band_limit_leaves_what_it_cannot_or_need_not_filter():
     """None means raw; a record at 80 Hz has nothing above 40 Hz to take away."""
     wave = np.sin(2.0 * np.pi * 300.0 * TIME)
-    assert np.array_equal(band_limit(TIME, wave, None), wave)
+    assert np.array_equal(smoothness.band_limit(TIME, wave, None), wave)
     slow = np.arange(0.0, 10.0, 1.0 / 80.0)
-    assert np.array_equal(band_limit(slow, np.cos(100.0 * slow)), np.cos(100.0 * slow))
+    assert np.array_equal(smoothness.band_limit(slow, np.cos(100.0 * slow)), np.cos(100.0 * slow))
 
 
 @pytest.mark.parametrize(
@@ -110,7 +95,7 @@ def test_band_limit_leaves_what_it_cannot_or_need_not_filter():
 def test_records_that_cannot_be_filtered_are_refused(time, signal, message):
     """Uneven, not finite, of unequal length, too short: row and size are named."""
     with pytest.raises(HexsimError, match=message):
-        band_limit(time, signal)
+        smoothness.band_limit(time, signal)
 
 
 # ---- half-hertz noise ------------------------------------------------------------------------------------------------
@@ -124,7 +109,7 @@ def test_half_hertz_noise_of_known_harmonics():
     )  # 7 periods analysed
     for k, a in amplitudes.items():
         acceleration = acceleration + a * np.cos(k * W * TIME + k)
-    noise = half_hertz_noise(TIME, acceleration, 0.5, start_s=6.0)
+    noise = smoothness.half_hertz_noise(TIME, acceleration, 0.5, start_s=6.0)
     assert noise.periods == 7
     assert noise.fundamental == pytest.approx(AMPLITUDE, rel=1e-9)
     assert noise.sigma_f == pytest.approx(AMPLITUDE / np.sqrt(2.0), rel=1e-9)
@@ -141,7 +126,7 @@ def test_half_hertz_noise_of_known_harmonics():
 
 def test_a_pure_sine_has_no_noise():
     """Whatever its phase and mean: peaks and noise vanish (1e-12: rounding)."""
-    noise = half_hertz_noise(TIME, 0.3 + AMPLITUDE * np.cos(W * TIME + 1.0), 0.5)
+    noise = smoothness.half_hertz_noise(TIME, 0.3 + AMPLITUDE * np.cos(W * TIME + 1.0), 0.5)
     assert noise.periods == 10
     assert noise.fundamental == pytest.approx(AMPLITUDE)
     assert max(noise.peak_raw, noise.noise_rms_raw, noise.peak_band, noise.noise_rms) < 1e-12
@@ -151,7 +136,7 @@ def test_a_pure_sine_has_no_noise():
 def test_peak_is_the_largest_deviation_of_either_sign(sign):
     """One pulse of 0.2 m/s2 up or down in 7 periods: peak 0.2 less what it puts in the mean and the fundamental."""
     acceleration = -AMPLITUDE * np.sin(W * TIME) + pulses(TIME, [11.0], [sign * 0.2])
-    noise = half_hertz_noise(TIME, acceleration, 0.5, start_s=6.0)
+    noise = smoothness.half_hertz_noise(TIME, acceleration, 0.5, start_s=6.0)
     area = 0.2 * 0.02 * np.sqrt(2.0 * np.pi)  # of the pulse, over 14 s: mean 1/14, fundamental 2/14 of it
     assert noise.peak_band == pytest.approx(0.2 - area * 3.0 / 14.0, rel=2e-3)
     assert noise.peak_ratio == pytest.approx(noise.peak_band / noise.fundamental)
@@ -159,7 +144,7 @@ def test_peak_is_the_largest_deviation_of_either_sign(sign):
 
 def test_ringing_at_109_Hz_is_in_the_raw_peak_and_not_in_the_band():
     """0.5 m/s2 of 109 Hz: raw peak 0.5, in the band 0.5 / (1 + (109 / 50)^8) = 0.001."""
-    noise = half_hertz_noise(
+    noise = smoothness.half_hertz_noise(
         TIME, AMPLITUDE * np.sin(W * TIME) + 0.5 * np.sin(2 * np.pi * 109.0 * TIME), 0.5, start_s=6.0
     )
     assert noise.peak_raw == pytest.approx(0.5, rel=0.01)
@@ -170,7 +155,7 @@ def test_ringing_at_109_Hz_is_in_the_raw_peak_and_not_in_the_band():
 def test_periods_need_not_fit_the_sample_rate():
     """0.195 Hz at 1 kHz, 5128.2 samples a period: fundamental and low harmonics still to 1e-3."""
     w = 2.0 * np.pi * 0.195
-    noise = half_hertz_noise(TIME, 0.4 * np.sin(w * TIME) + 0.02 * np.sin(2.0 * w * TIME + 1.0), 0.195)
+    noise = smoothness.half_hertz_noise(TIME, 0.4 * np.sin(w * TIME) + 0.02 * np.sin(2.0 * w * TIME + 1.0), 0.195)
     assert noise.periods == 3
     assert noise.fundamental == pytest.approx(0.4, rel=1e-3)
     assert noise.sigma_lf == pytest.approx(0.02 / np.sqrt(2.0), rel=1e-2)
@@ -179,9 +164,9 @@ def test_periods_need_not_fit_the_sample_rate():
 def test_no_whole_period_is_refused():
     """1.5 s of a 2 s period: the message says how long a period is."""
     with pytest.raises(HexsimError, match=r"1\.\d+ s of record hold no whole period of 0.5 Hz \(2 s\)"):
-        half_hertz_noise(TIME, np.sin(W * TIME), 0.5, start_s=18.5)
+        smoothness.half_hertz_noise(TIME, np.sin(W * TIME), 0.5, start_s=18.5)
     with pytest.raises(HexsimError, match=r"frequency_Hz is 0.0; it must be greater than 0"):
-        half_hertz_noise(TIME, np.sin(W * TIME), 0.0)
+        smoothness.half_hertz_noise(TIME, np.sin(W * TIME), 0.0)
 
 
 def test_motion_turns_at_the_extremes_of_its_harmonic():
@@ -190,7 +175,7 @@ def test_motion_turns_at_the_extremes_of_its_harmonic():
     bottoms = tops + 1.0
     acceleration = -AMPLITUDE * np.sin(W * TIME - 0.4)
     acceleration = acceleration + pulses(TIME, tops, [0.10] * 10) + pulses(TIME, bottoms, [-0.04] * 10)
-    part = harmonic_deviation(TIME, acceleration, 0.5, start_s=6.0)
+    part = smoothness.harmonic_deviation(TIME, acceleration, 0.5, start_s=6.0)
     times = {end: [r.time_s for r in part.reversals() if r.end == end] for end in ("top", "bottom")}
     assert times["top"] == pytest.approx(tops[3:], abs=1e-3)
     assert times["bottom"] == pytest.approx(bottoms[3:], abs=1e-3)
@@ -205,18 +190,18 @@ def test_motion_turns_at_the_extremes_of_its_harmonic():
 def test_describing_function_is_gain_and_phase():
     """A response of 0.9, 0.3 rad late, with noise at other frequencies: 0.9 exp(-0.3 j)."""
     response = 0.9 * np.sin(W * TIME - 0.3) + 0.2 * np.sin(3.0 * W * TIME) + 0.5
-    found = describing_function(TIME, response, np.sin(W * TIME), 0.5)
+    found = smoothness.describing_function(TIME, response, np.sin(W * TIME), 0.5)
     assert abs(found) == pytest.approx(0.9)
     assert np.angle(found) == pytest.approx(-0.3)
     with pytest.raises(HexsimError, match=r"command has no part at 0.5 Hz"):
-        describing_function(TIME, response, np.zeros_like(TIME), 0.5)
+        smoothness.describing_function(TIME, response, np.zeros_like(TIME), 0.5)
 
 
 def test_turn_around_counts_the_missing_amplitude_when_told_the_command():
     """A response 10 % short deviates by 10 % of the command from the desired sine, and by nothing from its own."""
     response = -0.9 * AMPLITUDE * np.sin(W * TIME - 0.3)
-    assert turn_around_check(TIME, response, 0.5).peak_m_s2 < 1e-5
-    told = turn_around_check(TIME, response, 0.5, AMPLITUDE)
+    assert smoothness.turn_around_check(TIME, response, 0.5).peak_m_s2 < 1e-5
+    told = smoothness.turn_around_check(TIME, response, 0.5, AMPLITUDE)
     assert told.peak_m_s2 == pytest.approx(0.1 * AMPLITUDE, rel=1e-4)
     assert told.passed
     assert "commonly used" in told.basis
@@ -226,14 +211,14 @@ def test_turn_around_limit_is_0_49():
     """A pulse just below and just above 0.49 m/s2, up or down."""
     for height, passed in ((0.48, True), (0.52, False), (-0.48, True), (-0.52, False)):
         response = AMPLITUDE * np.sin(W * TIME) + pulses(TIME, [11.0], [height])
-        assert turn_around_check(TIME, response, 0.5).passed is passed
+        assert smoothness.turn_around_check(TIME, response, 0.5).passed is passed
 
 
 def test_parasitic_motion_is_all_of_it_about_its_mean():
     """0.03 at the driven frequency and 0.04 at 200 Hz: both raw, the first alone in the band; the start is cut off."""
     acceleration = 0.5 + 0.03 * np.sin(W * TIME) + 0.04 * np.sin(2.0 * np.pi * 200.0 * TIME + 0.2)
     acceleration[:1000] += 5.0  # the first second
-    found = parasitic(TIME, acceleration, start_s=2.0)
+    found = smoothness.parasitic(TIME, acceleration, start_s=2.0)
     assert found.rms_band == pytest.approx(0.03 / np.sqrt(2.0), rel=0.01)
     assert found.rms_raw == pytest.approx(0.05 / np.sqrt(2.0), rel=0.01)
     assert found.peak_raw == pytest.approx(0.07, rel=0.02)
@@ -245,7 +230,7 @@ def test_parasitic_motion_is_all_of_it_about_its_mean():
 
 def test_zero_crossings_of_a_sine_between_samples():
     """Velocity A w cos(wt - 0.4): top at (pi/2 + 0.4) / w to 1e-6 s, bottom 1 s later, and so on."""
-    found = reversals_of_velocity(TIME, np.cos(W * TIME - 0.4))
+    found = smoothness.reversals_of_velocity(TIME, np.cos(W * TIME - 0.4))
     assert [r.time_s for r in found] == pytest.approx((0.5 * np.pi + 0.4) / W + np.arange(20), abs=1e-6)
     assert [r.end for r in found[:3]] == ["top", "bottom", "top"]
 
@@ -253,10 +238,10 @@ def test_zero_crossings_of_a_sine_between_samples():
 def test_a_crossing_on_a_sample_counts_and_a_rest_does_not():
     """Velocity exactly 0 at a crossing sample: one reversal. A rest of 1 s between up and down, or at first: none."""
     triangle = np.concatenate([np.arange(5, -6, -1.0), np.arange(-4, 6, 1.0)])
-    found = reversals_of_velocity(np.arange(len(triangle)) * 0.01, triangle)
+    found = smoothness.reversals_of_velocity(np.arange(len(triangle)) * 0.01, triangle)
     assert [(r.end, round(r.time_s, 9)) for r in found] == [("top", 0.05), ("bottom", 0.15)]
     rest = np.concatenate([np.zeros(100), np.ones(50), np.zeros(100), -np.ones(50)])
-    assert reversals_of_velocity(np.arange(300) * 0.01, rest) == ()
+    assert smoothness.reversals_of_velocity(np.arange(300) * 0.01, rest) == ()
 
 
 @pytest.mark.parametrize("delay", [-0.05, 0.0, 0.0123, 0.127])
@@ -264,8 +249,8 @@ def test_delay_of_a_smaller_noisy_response_is_found(delay):
     """A sine at 0.8 of its size with noise of 0.02 m/s2: to 1 ms (one deviation is 0.2 ms)."""
     rng = np.random.default_rng(3)
     response = 0.8 * HEAVE.acceleration(TIME - delay) + 0.02 * rng.standard_normal(len(TIME)) + 0.1
-    assert response_delay_s(TIME, response, HEAVE.acceleration(TIME)) == pytest.approx(delay, abs=1e-3)
-    assert response_delay_s(TIME, response, np.zeros_like(TIME)) == 0.0
+    assert smoothness.response_delay_s(TIME, response, HEAVE.acceleration(TIME)) == pytest.approx(delay, abs=1e-3)
+    assert smoothness.response_delay_s(TIME, response, np.zeros_like(TIME)) == 0.0
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.06])
@@ -274,7 +259,7 @@ def test_bumps_of_known_height_are_found_at_their_ends(delay):
     tops, bottoms = 0.5 + 2.0 * np.arange(10) + delay, 1.5 + 2.0 * np.arange(10) + delay
     acceleration = HEAVE.acceleration(TIME - delay) + 0.3
     acceleration = acceleration + pulses(TIME, tops, [0.10] * 10) + pulses(TIME, bottoms, [-0.04] * 10)
-    bumps = reversal_bumps(TIME, acceleration, HEAVE.velocity(TIME), HEAVE.acceleration(TIME), start_s=2.0)
+    bumps = smoothness.reversal_bumps(TIME, acceleration, HEAVE.velocity(TIME), HEAVE.acceleration(TIME), start_s=2.0)
     assert len(bumps) == 18
     for bump in bumps:
         height = 0.10 if bump.end == "top" else 0.04
@@ -286,16 +271,16 @@ def test_bumps_of_known_height_are_found_at_their_ends(delay):
 
 def test_bump_line_of_constant_acceleration_reversals():
     """Bumps of 0.02 + 0.5 |a| at every clean reversal of the standard profile: intercept 0.02, slope 0.5, R2 1."""
-    signal = ConstantAccelerationReversals()
+    signal = signals.ConstantAccelerationReversals()
     time = np.arange(0.0, signal.period_s, 1e-3)
     reversals, levels = signal.reversals()
     command = signal.acceleration(time)
     acceleration = command + pulses(time, reversals, np.sign(levels) * (0.02 + 0.5 * np.abs(levels)))
-    bumps = reversal_bumps(time, acceleration, signal.velocity(time), command, delay_s=0.0)
+    bumps = smoothness.reversal_bumps(time, acceleration, signal.velocity(time), command, delay_s=0.0)
     clean = [b for b in bumps if np.min(np.abs(reversals - b.time_s)) < 1e-3]
     assert len(clean) == len(reversals)
     for end in (None, "top", "bottom"):
-        line = bump_fit(clean, end)
+        line = smoothness.bump_fit(clean, end)
         assert line is not None
         assert line.intercept == pytest.approx(0.02, rel=0.02)
         assert line.slope == pytest.approx(0.5, rel=0.02)
@@ -304,35 +289,39 @@ def test_bump_line_of_constant_acceleration_reversals():
 
 
 def made_bump(level, height, end="top"):
-    return ReversalBump(time_s=0.0, delay_s=0.0, end=end, bump_pp=height, peak=height, commanded_acceleration=level)
+    return smoothness.ReversalBump(
+        time_s=0.0, delay_s=0.0, end=end, bump_pp=height, peak=height, commanded_acceleration=level
+    )
 
 
 def test_bump_fit_by_hand():
     """Points (1, 1), (2, 3), (3, 2): slope 0.5, intercept 1, R2 0.25; the sign of the acceleration does not count."""
-    line = bump_fit([made_bump(1.0, 1.0), made_bump(-2.0, 3.0), made_bump(3.0, 2.0)])
+    line = smoothness.bump_fit([made_bump(1.0, 1.0), made_bump(-2.0, 3.0), made_bump(3.0, 2.0)])
     assert line is not None
     assert (line.slope, line.intercept, line.r2, line.count) == pytest.approx((0.5, 1.0, 0.25, 3))
 
 
 def test_no_line_through_one_level():
     """All reversals at one acceleration, or at the end asked for none: no fit."""
-    assert bump_fit([made_bump(1.0, 1.0), made_bump(-1.0, 3.0)]) is None
-    assert bump_fit([made_bump(1.0, 1.0), made_bump(2.0, 3.0)], "bottom") is None
+    assert smoothness.bump_fit([made_bump(1.0, 1.0), made_bump(-1.0, 3.0)]) is None
+    assert smoothness.bump_fit([made_bump(1.0, 1.0), made_bump(2.0, 3.0)], "bottom") is None
 
 
 def test_peaks_keep_to_their_window():
     """A pulse 0.3 s from a reversal is not its peak; a window that reaches out of the record is left out."""
-    reversals = reversals_of_velocity(TIME, HEAVE.velocity(TIME))
-    peaks = peaks_at_reversals(TIME, pulses(TIME, [0.6, 1.8], [-0.1, 0.5]), reversals)
+    reversals = smoothness.reversals_of_velocity(TIME, HEAVE.velocity(TIME))
+    peaks = smoothness.peaks_at_reversals(TIME, pulses(TIME, [0.6, 1.8], [-0.1, 0.5]), reversals)
     assert len(peaks) == 20
     assert peaks[0].signed == pytest.approx(-0.1)
     assert peaks[1].peak < 1e-5  # what the Gaussian of 20 ms has left 0.1 s away: exp(-12.5) of 0.5
-    assert len(peaks_at_reversals(TIME, TIME, reversals, window_s=0.6)) == 18
+    assert len(smoothness.peaks_at_reversals(TIME, TIME, reversals, window_s=0.6)) == 18
 
 
 def test_deviation_from_command_is_zero_for_a_delayed_copy():
     """A response that is the command 0.06 s late and offset: nothing is left, raw or in the band."""
-    part = deviation_from_command(TIME, HEAVE.acceleration(TIME - 0.06) + 0.2, HEAVE.acceleration(TIME), start_s=2.0)
+    part = smoothness.deviation_from_command(
+        TIME, HEAVE.acceleration(TIME - 0.06) + 0.2, HEAVE.acceleration(TIME), start_s=2.0
+    )
     assert part.delay_s == pytest.approx(0.06, abs=2e-5)
     assert part.time_s[0] == pytest.approx(2.0)
     assert np.max(np.abs(part.raw)) < 1e-4
@@ -360,17 +349,17 @@ def heave_motion(**changes):
         "commanded_acceleration": HEAVE.acceleration(TIME),
         "frequency_Hz": 0.5,
     }
-    return AxisMotion(**(given | changes))
+    return smoothness.AxisMotion(**(given | changes))
 
 
 def test_summary_of_a_sine_run():
     """The driven axis has every figure, the same as `half_hertz_noise` gives; the others no ratios; units by axis."""
-    axes = {"x": AxisMotion(acceleration=0.01 * np.sin(W * TIME)), "z": heave_motion()}
-    axes |= {"roll": AxisMotion(acceleration=np.zeros_like(TIME))}
-    summary = summary_axes(TIME, axes, start_s=6.0)
+    axes = {"x": smoothness.AxisMotion(acceleration=0.01 * np.sin(W * TIME)), "z": heave_motion()}
+    axes |= {"roll": smoothness.AxisMotion(acceleration=np.zeros_like(TIME))}
+    summary = smoothness.summary_axes(TIME, axes, start_s=6.0)
     for axis, unit in (("x", "m_s2"), ("z", "m_s2"), ("roll", "rad_s2")):
         assert set(summary[axis]) == {name.format(unit) for name in FIGURES}
-    noise = half_hertz_noise(TIME, heave_motion().acceleration, 0.5, start_s=6.0)
+    noise = smoothness.half_hertz_noise(TIME, heave_motion().acceleration, 0.5, start_s=6.0)
     assert summary["z"]["fundamental_m_s2"] == noise.fundamental == pytest.approx(AMPLITUDE)
     assert summary["z"]["peak_band_m_s2"] == noise.peak_band == pytest.approx(0.02, rel=1e-3)
     assert summary["z"]["ratio_n"] == noise.ratio_n == pytest.approx(0.02 / AMPLITUDE, rel=1e-3)
@@ -385,7 +374,7 @@ def test_summary_of_any_other_motion_is_against_the_command():
     """No single sine: fundamental and ratios are null, peaks and noise those of a - a_commanded."""
     acceleration = HEAVE.acceleration(TIME - 0.05) + pulses(TIME, [10.55], [0.1])
     motion = heave_motion(acceleration=acceleration, frequency_Hz=None)
-    summary = summary_axes(TIME, {"leg": motion}, start_s=6.0)["leg"]
+    summary = smoothness.summary_axes(TIME, {"leg": motion}, start_s=6.0)["leg"]
     assert [summary[name] for name in ("fundamental_m_s2", "ratio_n", "ratio_lf", "ratio_hf")] == [None] * 4
     for name in ("peak_band_m_s2", "peak_raw_m_s2", "bump_pp_m_s2"):
         assert summary[name] == pytest.approx(0.1, rel=0.02)
@@ -396,7 +385,7 @@ def test_summary_of_any_other_motion_is_against_the_command():
 def test_summary_of_a_run_shorter_than_its_period_is_against_the_command():
     """1.5 s of a 2 s sine, a delayed copy: no fundamental, and nothing is left of it."""
     motion = heave_motion(acceleration=HEAVE.acceleration(TIME - 0.05))
-    summary = summary_axes(TIME, {"leg": motion}, start_s=18.5)["leg"]
+    summary = smoothness.summary_axes(TIME, {"leg": motion}, start_s=18.5)["leg"]
     assert summary["fundamental_m_s2"] is None
     assert summary["peak_raw_m_s2"] < 1e-3
     assert summary["peak_band_m_s2"] < 1e-3
@@ -404,7 +393,9 @@ def test_summary_of_a_run_shorter_than_its_period_is_against_the_command():
 
 def test_summary_with_nothing_driven():
     """A run at rest: no fundamental, no reversal, and the peaks are the acceleration itself about its mean."""
-    summary = summary_axes(TIME, {"z": AxisMotion(acceleration=0.01 * np.sin(20.0 * TIME) + 0.3)})["z"]
+    summary = smoothness.summary_axes(
+        TIME, {"z": smoothness.AxisMotion(acceleration=0.01 * np.sin(20.0 * TIME) + 0.3)}
+    )["z"]
     assert summary["peak_raw_m_s2"] == pytest.approx(0.01, rel=0.02)
     assert summary["bump_pp_m_s2"] is None
     assert summary["fundamental_m_s2"] is None

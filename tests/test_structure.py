@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hexsim.files.run_folder import default_folder
+from hexsim.files import run_folder
 
 ROOT = Path(__file__).parents[1]
 
@@ -73,4 +73,4 @@ def test_every_file_name_is_one_on_windows():
     assert len(names) > 500
     assert not [path for path in names if reserved.search(path.name)]
     assert len({str(path).lower() for path in names}) == len(names)
-    assert not reserved.search(default_folder('a: "b" <c>?').name)
+    assert not reserved.search(run_folder.default_folder('a: "b" <c>?').name)

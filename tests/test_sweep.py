@@ -18,14 +18,12 @@ import pytest
 from typer.testing import CliRunner
 
 import hexsim
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
 from hexsim.studies import inputs
-from hexsim.studies.journal import Journal, line_of
-from hexsim.studies.sweep import cases, run_case, sweep
-from hexsim.studies.workers import Workers
+from hexsim.studies import journal as journals
+from hexsim.studies import sweep as sweeping
 
 ROOT = Path(hexsim.__file__).parents[1]
 
@@ -44,7 +42,7 @@ class Here(Executor):
 
 def short(**options):
     """Half a second on the bench: too short for a period, long enough for figures."""
-    return cases(load_scenario("heave", duration_s=0.5), load_machine("bench"), **options)
+    return sweeping.cases(load_scenario("heave", duration_s=0.5), load_machine("bench"), **options)
 
 
 def test_cases_are_the_product_and_bear_stable_keys():
@@ -66,7 +64,7 @@ def test_one_table_with_settings_and_figures(tmp_path):
     """A row a case, in order; settings and figures are columns; the journal is gone."""
     wanted = short(settings={"valve.overlap_m": [0.0, 20e-6], "scenario.fade_s": [0.1]}, seeds=[4, 5])
     seen = []
-    ran = sweep(wanted, Here(), tmp_path / "t.parquet", progress=lambda *counts: seen.append(counts))
+    ran = sweeping.sweep(wanted, Here(), tmp_path / "t.parquet", progress=lambda *counts: seen.append(counts))
     assert ran == 4 and seen[0] == (0, 4, 0) and seen[-1] == (4, 4, 0)
     table = pl.read_parquet(tmp_path / "t.parquet")
     assert table["key"].to_list() == [case.key for case in wanted]
@@ -81,8 +79,8 @@ def test_one_table_with_settings_and_figures(tmp_path):
 def test_a_failed_run_is_a_row_with_its_error(tmp_path):
     """A case that cannot run (pistons asked beyond their stroke) has its sentence in the table; others have figures."""
     good = short(seeds=[0])
-    bad = cases(load_scenario("heave", amplitude=0.5, duration_s=0.5), load_machine("bench"), seeds=[1])
-    sweep(good + bad, Here(), tmp_path / "t.parquet")
+    bad = sweeping.cases(load_scenario("heave", amplitude=0.5, duration_s=0.5), load_machine("bench"), seeds=[1])
+    sweeping.sweep(good + bad, Here(), tmp_path / "t.parquet")
     first, second = pl.read_parquet(tmp_path / "t.parquet").to_dicts()
     assert first["complete"] and first["error"] is None
     assert not second["complete"] and "HexsimError: scenario heave" in second["error"]
@@ -91,9 +89,9 @@ def test_a_failed_run_is_a_row_with_its_error(tmp_path):
 
 def test_a_second_sweep_runs_only_what_is_new_and_keeps_the_rest(tmp_path):
     """Seeds 0 and 1, then 1 and 2: one run; three rows; the shared row is the first sweep's to the bit."""
-    sweep(short(seeds=[0, 1]), Here(), tmp_path / "t.parquet")
+    sweeping.sweep(short(seeds=[0, 1]), Here(), tmp_path / "t.parquet")
     before = {row["key"]: row for row in pl.read_parquet(tmp_path / "t.parquet").to_dicts()}
-    assert sweep(short(seeds=[1, 2]), Here(), tmp_path / "t.parquet") == 1
+    assert sweeping.sweep(short(seeds=[1, 2]), Here(), tmp_path / "t.parquet") == 1
     after = pl.read_parquet(tmp_path / "t.parquet")
     assert sorted(after["seed"]) == [0, 1, 2]
     kept = [row for row in after.to_dicts() if row["key"] in before]
@@ -103,23 +101,23 @@ def test_a_second_sweep_runs_only_what_is_new_and_keeps_the_rest(tmp_path):
 def test_a_line_that_was_cut_short_is_run_again_and_no_other(tmp_path):
     """A journal that ends in the middle of a line, as after a power cut, loses that line only."""
     wanted = short(seeds=[0, 1, 2])
-    rows = [run_case(case) | {"error": None} for case in wanted[:2]]
-    (tmp_path / "t.parquet.journal").write_bytes(line_of(rows[0]) + line_of(rows[1])[:40])
-    assert sweep(wanted, Here(), tmp_path / "t.parquet") == 2
+    rows = [sweeping.run_case(case) | {"error": None} for case in wanted[:2]]
+    (tmp_path / "t.parquet.journal").write_bytes(journals.line_of(rows[0]) + journals.line_of(rows[1])[:40])
+    assert sweeping.sweep(wanted, Here(), tmp_path / "t.parquet") == 2
     table = pl.read_parquet(tmp_path / "t.parquet")
     assert table.height == 3 and table["wall_s"][0] == rows[0]["wall_s"]
 
 
-ODD = line_of({"key": "0" * 20, "error": None, "seed": [1, 2], "duration_s": {"a": 1}}).rstrip()
+ODD = journals.line_of({"key": "0" * 20, "error": None, "seed": [1, 2], "duration_s": {"a": 1}}).rstrip()
 
 
 @pytest.mark.parametrize("damage", [b"[1, 2]", b'{"key": 3}', b"\xff\xfe\x00", b'{"key": "a", "se', b"[" * 5000, ODD])
 def test_a_damaged_line_is_run_again_and_no_other(tmp_path, damage):
     """A line in the middle of the journal that holds no row costs that row only."""
     wanted = short(seeds=[0, 1, 2])
-    rows = [line_of(run_case(case) | {"error": None}) for case in wanted[::2]]
+    rows = [journals.line_of(sweeping.run_case(case) | {"error": None}) for case in wanted[::2]]
     (tmp_path / "t.parquet.journal").write_bytes(rows[0] + damage + b"\n" + rows[1])
-    assert sweep(wanted, Here(), tmp_path / "t.parquet") == 1
+    assert sweeping.sweep(wanted, Here(), tmp_path / "t.parquet") == 1
     assert pl.read_parquet(tmp_path / "t.parquet")["seed"].to_list() == [0, 1, 2]
 
 
@@ -142,8 +140,8 @@ def test_a_scheduler_that_goes_away_keeps_the_rows(tmp_path):
             return future
 
     with pytest.raises(HexsimError, match=r"workers died \(lost\); 1 rows are kept.*run the same command again"):
-        sweep(short(seeds=[0, 1]), Lost(), tmp_path / "t.parquet")
-    assert sweep(short(seeds=[0, 1]), Here(), tmp_path / "t.parquet") == 1
+        sweeping.sweep(short(seeds=[0, 1]), Lost(), tmp_path / "t.parquet")
+    assert sweeping.sweep(short(seeds=[0, 1]), Here(), tmp_path / "t.parquet") == 1
 
 
 def test_a_journal_that_cannot_be_written_is_a_sentence(tmp_path, monkeypatch):
@@ -154,27 +152,27 @@ def test_a_journal_that_cannot_be_written_is_a_sentence(tmp_path, monkeypatch):
 
     monkeypatch.setattr("hexsim.studies.journal.os.fsync", full)
     with pytest.raises(HexsimError, match=r"cannot write .*journal: No space left on device; .*run it again to go on"):
-        sweep(short(), Here(), tmp_path / "t.parquet")
+        sweeping.sweep(short(), Here(), tmp_path / "t.parquet")
 
 
 def test_two_sweeps_cannot_write_one_table(tmp_path):
     """The second is told so at once; when the first is done it may."""
-    with Journal(tmp_path / "t.parquet"), pytest.raises(HexsimError, match="another sweep is writing"):
-        sweep(short(), Here(), tmp_path / "t.parquet")
-    assert sweep(short(), Here(), tmp_path / "t.parquet") == 1
+    with journals.Journal(tmp_path / "t.parquet"), pytest.raises(HexsimError, match="another sweep is writing"):
+        sweeping.sweep(short(), Here(), tmp_path / "t.parquet")
+    assert sweeping.sweep(short(), Here(), tmp_path / "t.parquet") == 1
 
 
 def test_a_table_that_is_no_sweep_is_not_overwritten(tmp_path):
     """A foreign Parquet file and a name that is not .parquet are refused."""
     pl.DataFrame({"a": [1]}).write_parquet(tmp_path / "t.parquet")
     with pytest.raises(HexsimError, match="no table of a sweep"):
-        sweep(short(), Here(), tmp_path / "t.parquet")
+        sweeping.sweep(short(), Here(), tmp_path / "t.parquet")
     with pytest.raises(HexsimError, match=r"must be a \.parquet file"):
-        sweep(short(), Here(), tmp_path / "t.csv")
+        sweeping.sweep(short(), Here(), tmp_path / "t.csv")
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes").write_text("mine")
     with pytest.raises(HexsimError, match="no table of a sweep"):
-        sweep(short(), Here(), tmp_path / "other")
+        sweeping.sweep(short(), Here(), tmp_path / "other")
     (tmp_path / "other" / "notes").unlink()
     (tmp_path / "other").rmdir()
     assert [p.name for p in tmp_path.iterdir()] == ["t.parquet"]
@@ -198,16 +196,16 @@ def test_a_folder_takes_rows_in_parts_of_one_schema(tmp_path, monkeypatch):
     """Parts of two rows, failed runs alone in the first, whole and broken numbers in one setting: every case is there once,
     all files have the same columns and types, and polars scans them as one."""
     monkeypatch.setattr("hexsim.studies.sweep_table.Parts.most", 2)
-    bad = cases(load_scenario("heave", amplitude=0.5, duration_s=0.5), load_machine("bench"), seeds=[8, 9])
+    bad = sweeping.cases(load_scenario("heave", amplitude=0.5, duration_s=0.5), load_machine("bench"), seeds=[8, 9])
     good = short(settings={"valve.overlap_m": [0, 5e-6]}, seeds=[0, 1])
-    assert sweep(bad + good, Here(), tmp_path / "table") == 6
+    assert sweeping.sweep(bad + good, Here(), tmp_path / "table") == 6
     parts = sorted((tmp_path / "table").iterdir())
     assert [path.name for path in parts] == [f"part-{k:06d}.parquet" for k in range(3)]
     assert len({tuple(pl.read_parquet_schema(path).items()) for path in parts}) == 1
     table = pl.scan_parquet(tmp_path / "table" / "*.parquet").collect()
     assert sorted(table["key"]) == sorted(case.key for case in bad + good)
     assert table.filter(pl.col("error").is_null())["valve.overlap_m"].to_list() == [0.0, 0.0, 5e-6, 5e-6]
-    assert sweep(bad + good + short(seeds=[5]), Here(), tmp_path / "table") == 1
+    assert sweeping.sweep(bad + good + short(seeds=[5]), Here(), tmp_path / "table") == 1
     assert pl.read_parquet(tmp_path / "table" / "*.parquet").height == 7
 
 
@@ -215,11 +213,11 @@ def test_a_kill_between_a_part_and_its_journal_costs_and_doubles_nothing(tmp_pat
     """The part is written, the journal still holds its rows: they count once, and nothing runs again."""
     wanted = short(seeds=range(4))
     monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
-    with Journal(tmp_path / "table") as journal:
+    with journals.Journal(tmp_path / "table") as journal:
         for case in wanted:
             journal.add(instant(case))
         journal.table.take(journal.rows)
-    assert sweep(wanted, Here(), tmp_path / "table") == 0
+    assert sweeping.sweep(wanted, Here(), tmp_path / "table") == 0
     assert pl.read_parquet(tmp_path / "table" / "*.parquet")["seed"].to_list() == [0, 1, 2, 3]
 
 
@@ -229,9 +227,9 @@ def test_memory_holds_one_part_of_the_rows(tmp_path, monkeypatch):
     monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
     monkeypatch.setattr("hexsim.studies.journal.os.fsync", lambda number: None)
     held = []
-    add = Journal.add
-    monkeypatch.setattr(Journal, "add", lambda self, row: (add(self, row), held.append(len(self.rows))))
-    sweep(short(seeds=range(3000)), Here(), tmp_path / "table")
+    add = journals.Journal.add
+    monkeypatch.setattr(journals.Journal, "add", lambda self, row: (add(self, row), held.append(len(self.rows))))
+    sweeping.sweep(short(seeds=range(3000)), Here(), tmp_path / "table")
     assert max(held) < 500 and len(held) == 3000
     assert pl.scan_parquet(tmp_path / "table" / "*.parquet").select(pl.len()).collect().item() == 3000
 
@@ -239,14 +237,14 @@ def test_memory_holds_one_part_of_the_rows(tmp_path, monkeypatch):
 def test_dead_workers_keep_the_finished_rows(tmp_path):
     """When a worker process dies the sweep ends with a sentence, and the journal holds what was done."""
     wanted = short(seeds=[0, 1])
-    with Journal(tmp_path / "t.parquet") as journal:
-        journal.add(run_case(wanted[0]) | {"error": None})
+    with journals.Journal(tmp_path / "t.parquet") as journal:
+        journal.add(sweeping.run_case(wanted[0]) | {"error": None})
     with (
         ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=os._exit, initargs=(1,)) as pool,
         pytest.raises(HexsimError, match=r"workers died.*1 rows are kept.*run the same command again"),
     ):
-        sweep(wanted, pool, tmp_path / "t.parquet")
-    assert sweep(wanted, Here(), tmp_path / "t.parquet") == 1
+        sweeping.sweep(wanted, pool, tmp_path / "t.parquet")
+    assert sweeping.sweep(wanted, Here(), tmp_path / "t.parquet") == 1
 
 
 def command(table: Path, *more: str) -> list[str]:
@@ -317,8 +315,6 @@ def test_the_same_sweep_runs_on_a_dask_cluster(tmp_path, monkeypatch):
     """A real scheduler and worker on the loopback interface give the same figures to the bit as this process."""
     from distributed import LocalCluster
 
-    from hexsim.cli.sweep import executor_of
-
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     wanted = short(seeds=[0, 1], compensators=["none", "buffered"])
     options = {
@@ -328,24 +324,25 @@ def test_the_same_sweep_runs_on_a_dask_cluster(tmp_path, monkeypatch):
         "dashboard_address": None,
         "host": "127.0.0.1",
     }
-    with LocalCluster(**options) as cluster, executor_of(cluster.scheduler_address, None) as (executor, count, check):
-        assert count == 2
-        assert sweep(wanted, executor, tmp_path / "dask.parquet", workers=count, check=check) == 4
-    sweep(wanted, Here(), tmp_path / "here.parquet")
+    asked = "sweep heave -m bench --duration 0.5 --seeds 0,1 -c none,buffered --json --scheduler"
+    with LocalCluster(**options) as cluster:
+        out = ["--out", str(tmp_path / "dask.parquet")]
+        done = CliRunner().invoke(app, [*asked.split(), cluster.scheduler_address, *out])
+    assert done.exit_code == 0 and json.loads(done.stdout)["run_now"] == 4, done.output
+    sweeping.sweep(wanted, Here(), tmp_path / "here.parquet")
     there, here = (
         pl.read_parquet(tmp_path / f"{name}.parquet").drop("wall_s", "realtime_factor") for name in ("dask", "here")
     )
     assert there.equals(here) and there["complete"].all()
 
 
-def test_a_scheduler_that_is_not_there_is_said(monkeypatch):
+def test_a_scheduler_that_is_not_there_is_said(monkeypatch, tmp_path):
     """No answer within the time limit is one sentence with the address."""
     pytest.importorskip("distributed")
-    from hexsim.cli import sweep as command_line
-
-    monkeypatch.setattr(command_line, "CONNECT_TIMEOUT_S", 0.5)
-    with pytest.raises(HexsimError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        command_line.executor_of("tcp://127.0.0.1:9", None).__enter__()
+    monkeypatch.setattr("hexsim.cli.sweep.CONNECT_TIMEOUT_S", 0.5)
+    asked = ["sweep", "heave", "-m", "bench", "--out", str(tmp_path / "t.parquet"), "--scheduler", "tcp://127.0.0.1:9"]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 2 and "no Dask scheduler answers at tcp://127.0.0.1:9" in done.stderr
 
 
 # whatever ends
@@ -394,18 +391,17 @@ def test_a_worker_that_dies_is_a_row_and_no_end(own, tmp_path):
     """sys.exit, os._exit and SIGKILL in a compensator, two processes: each such case is a failed row that says how, all
     others have their figures; again costs no run; --retry-failed runs the failed ones alone."""
     names = ["own_mod:Exits", "own_mod:Dies", "own_mod:Killed", "none"]
-    wanted, table = short(compensators=names, seeds=[0]), tmp_path / "t.parquet"
+    table = tmp_path / "t.parquet"
+    asked = f"sweep heave -m bench --duration 0.5 --workers 2 --json --out {table} -c {','.join(names)}".split()
 
-    def run(**options):
-        workers = Workers(2)
-        try:
-            return sweep(wanted, workers, table, workers=2, **options)
-        finally:
-            workers.shutdown(cancel_futures=True)
+    def run(*more):
+        done = CliRunner().invoke(app, [*asked, *more])
+        assert done.exit_code == 1, done.output
+        return json.loads(done.stdout)["run_now"]
 
     assert run() == 4
     for again in (0, 3):
-        assert run(retry_failed=again > 0) == again
+        assert run(*["--retry-failed"] * (again > 0)) == again
         rows = pl.read_parquet(table)
         assert rows["compensator"].to_list() == names
         assert rows["complete"].to_list() == [False] * 3 + [True]
@@ -429,9 +425,9 @@ def test_rows_of_other_inputs_are_not_served(own, tmp_path, monkeypatch):
             sys.modules.pop(name, None)
         for cached in (inputs._own_code_digest, inputs._hexsim_digest):  # what a new process does
             cached.cache_clear()
-        wanted = cases(load_scenario(path), load_machine("bench"), compensators=["own_mod:Own"])
+        wanted = sweeping.cases(load_scenario(path), load_machine("bench"), compensators=["own_mod:Own"])
         monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
-        count = sweep(wanted, Here(), tmp_path / "t.parquet")
+        count = sweeping.sweep(wanted, Here(), tmp_path / "t.parquet")
         assert pl.read_parquet(tmp_path / "t.parquet")["key"].to_list() == [wanted[0].key]
         return count, wanted[0].key
 
@@ -457,9 +453,9 @@ def test_inputs_that_change_while_a_sweep_runs_are_said(tmp_path):
     """The case was taken with other bytes than those that the worker found: the row is none, and says so."""
     path = tmp_path / "sp.csv"
     path.write_text("time_s,z_m\n0,0\n0.5,0.001\n")
-    case = cases(load_scenario(path), load_machine("bench"))[0]
+    case = sweeping.cases(load_scenario(path), load_machine("bench"))[0]
     path.write_text("time_s,z_m\n0,0\n0.5,0.002\n")
-    row = run_case(case)
+    row = sweeping.run_case(case)
     assert not row["complete"] and "are others than when the sweep began" in row["error"]
 
 
@@ -470,17 +466,17 @@ def test_a_journal_cut_at_any_byte_costs_the_rows_behind_it(tmp_path, monkeypatc
     monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
     monkeypatch.setattr("hexsim.studies.journal.os.fsync", lambda number: None)
     wanted = short(seeds=range(3))
-    lines = [line_of(instant(case)) for case in wanted]
+    lines = [journals.line_of(instant(case)) for case in wanted]
     whole, first = b"".join(lines), len(lines[0])
     for at in [*range(first, len(whole), 13), len(whole) - 2, len(whole) - 1]:
         for damaged in (whole[:at], whole[:at] + bytes([whole[at] ^ 4]) + whole[at + 1 :]):
             table = tmp_path / place
-            with Journal(table) as journal:
+            with journals.Journal(table) as journal:
                 pass
             journal.path.parent.mkdir(exist_ok=True)
             journal.path.write_bytes(damaged)
             intact = sum(line + b"\n" in lines for line in damaged.split(b"\n")[:-1])
-            assert sweep(wanted, Here(), table) == 3 - intact
+            assert sweeping.sweep(wanted, Here(), table) == 3 - intact
             found = pl.read_parquet(table if place.endswith("parquet") else table / "*.parquet")
             assert sorted(found["seed"]) == [0, 1, 2] and (found["leg_figure_3"] == found["seed"]).all()
             shutil.rmtree(table) if table.is_dir() else table.unlink()
@@ -491,13 +487,13 @@ def test_a_sweep_killed_while_it_writes_its_table_goes_on(tmp_path, monkeypatch,
     """Killed inside of polars' writing: half a file lies there; the next call runs nothing, completes, and removes it."""
     monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
     wanted = short(seeds=range(3))
-    with Journal(tmp_path / place) as journal:
+    with journals.Journal(tmp_path / place) as journal:
         for case in wanted:
             journal.add(instant(case))
     folder = tmp_path if place.endswith("parquet") else tmp_path / place
     name = place if place.endswith("parquet") else "part-000000.parquet"
     (folder / f".partial-{name}-abc.parquet").write_bytes(b"PAR1 half")
-    assert sweep(wanted, Here(), tmp_path / place) == 0
+    assert sweeping.sweep(wanted, Here(), tmp_path / place) == 0
     assert [path.name for path in folder.iterdir()] == [name]
 
 
@@ -515,15 +511,15 @@ def test_a_full_disk_at_the_end_loses_nothing(tmp_path, monkeypatch):
         with pytest.raises(
             HexsimError, match=r"cannot write .*No space left.*3 rows are kept in .*journal, run the same"
         ):
-            sweep(wanted, Here(), tmp_path / "t.parquet")
-    assert sweep(wanted, Here(), tmp_path / "t.parquet") == 0
+            sweeping.sweep(wanted, Here(), tmp_path / "t.parquet")
+    assert sweeping.sweep(wanted, Here(), tmp_path / "t.parquet") == 0
 
 
 def test_a_journal_that_takes_half_a_line_keeps_the_lines_before(tmp_path, monkeypatch):
     """A disk that is full in the middle of a line: the sweep ends in a sentence, and later the line's case alone is run."""
     monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
     wanted = short(seeds=range(2))
-    with Journal(tmp_path / "t.parquet") as journal:
+    with journals.Journal(tmp_path / "t.parquet") as journal:
         journal.add(instant(wanted[0]))
         file = journal._file
 
@@ -541,7 +537,7 @@ def test_a_journal_that_takes_half_a_line_keeps_the_lines_before(tmp_path, monke
             journal.add(instant(wanted[1]))
         journal._file = file
     assert (tmp_path / "t.parquet.journal").read_bytes().endswith(b"\n")
-    assert sweep(wanted, Here(), tmp_path / "t.parquet") == 1
+    assert sweeping.sweep(wanted, Here(), tmp_path / "t.parquet") == 1
 
 
 def test_failed_rows_of_a_table_in_parts_are_replaced(tmp_path, monkeypatch):
@@ -553,10 +549,10 @@ def test_failed_rows_of_a_table_in_parts_are_replaced(tmp_path, monkeypatch):
         return instant(case) | ({"error": "X: no", "complete": False} if case.seed in (1, 2) else {})
 
     monkeypatch.setattr("hexsim.studies.sweep.run_case", failing)
-    assert sweep(wanted, Here(), tmp_path / "parts") == 5
+    assert sweeping.sweep(wanted, Here(), tmp_path / "parts") == 5
     monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
-    assert sweep(wanted, Here(), tmp_path / "parts") == 0
-    assert sweep(wanted, Here(), tmp_path / "parts", retry_failed=True) == 2
+    assert sweeping.sweep(wanted, Here(), tmp_path / "parts") == 0
+    assert sweeping.sweep(wanted, Here(), tmp_path / "parts", retry_failed=True) == 2
     found = pl.read_parquet(tmp_path / "parts" / "*.parquet")
     assert sorted(found["seed"]) == list(range(5)) and found["error"].null_count() == 5
 
@@ -603,7 +599,7 @@ def test_a_case_that_kills_its_dask_worker_is_found_and_recorded(tmp_path, monke
                 future.set_exception(KilledWorker())
             return future
 
-    assert sweep(wanted, Cluster(), tmp_path / "t.parquet") == 3
+    assert sweeping.sweep(wanted, Cluster(), tmp_path / "t.parquet") == 3
     rows = pl.read_parquet(tmp_path / "t.parquet")
     assert rows["error"].is_null().to_list() == [True, False, True]
     assert "WorkerDied" in rows["error"][1]
@@ -631,6 +627,6 @@ def test_a_case_that_kills_its_dask_worker_is_found_and_recorded(tmp_path, monke
             check()
 
     with pytest.raises(HexsimError, match="no worker is left"):
-        sweep(short(seeds=[7]), Gone(), tmp_path / "u.parquet", check=late_check)
-    assert sweep(short(seeds=[7]), Here(), tmp_path / "u.parquet") == 0
+        sweeping.sweep(short(seeds=[7]), Gone(), tmp_path / "u.parquet", check=late_check)
+    assert sweeping.sweep(short(seeds=[7]), Here(), tmp_path / "u.parquet") == 0
     assert "WorkerDied" in pl.read_parquet(tmp_path / "u.parquet")["error"][0]

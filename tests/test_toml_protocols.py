@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hexsim.cueing.protocols import RigSetpoint, VehicleMotion
-from hexsim.cueing.toml_protocol import felt, protocol
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
+from hexsim.cueing import protocols, toml_protocol
 from hexsim.machine import load_machine
-from hexsim.motion_computer.states import State
-from hexsim.simulation.serve import HostInput, Server
-from hexsim.simulation.vehicle_link import Vehicle
+from hexsim.motion_computer import states
+from hexsim.simulation import serve, vehicle_link
 
 G = 9.81
 SHIPPED = Path(__file__).parents[1] / "examples" / "protocols"
@@ -30,7 +28,7 @@ def made(tmp_path):
     def make(text: str):
         path = tmp_path / "packets.toml"
         path.write_text(text)
-        return protocol(str(path))
+        return toml_protocol.protocol(str(path))
 
     return make
 
@@ -46,8 +44,8 @@ def test_what_is_felt_is_the_specific_force_in_the_vehicles_axes(angles):
     turn = Rotation.from_euler("ZYX", angles[::-1])
     world, gravity = np.array([1.0, -2.0, 3.0]), np.array([0.0, 0.0, G])
     expected = turn.inv().apply(world + gravity) - gravity
-    assert felt(world, angles, "world") == pytest.approx(expected, abs=1e-12)
-    assert felt(turn.inv().apply(world), angles, "body") == pytest.approx(expected, abs=1e-12)
+    assert toml_protocol.felt(world, angles, "world") == pytest.approx(expected, abs=1e-12)
+    assert toml_protocol.felt(turn.inv().apply(world), angles, "body") == pytest.approx(expected, abs=1e-12)
 
 
 def test_attitude_with_inertial_acceleration_in_a_packet(made):
@@ -85,7 +83,7 @@ def test_24_bit_integers(made, order, signed):
     )
     raw = [low, -1 if signed else 1, 2**23 - 1, 100, 65_536, low]
     data = b"".join(value.to_bytes(3, order, signed=signed) for value in raw)
-    assert packets(data) == RigSetpoint(values=tuple(pytest.approx(1e-8 * value) for value in raw), mode=1)
+    assert packets(data) == protocols.RigSetpoint(values=tuple(pytest.approx(1e-8 * value) for value in raw), mode=1)
 
 
 def test_a_pose(made):
@@ -93,7 +91,7 @@ def test_a_pose(made):
     packets = made(
         "bytes = 8\n" + fields({"z_m": 'type = "f"\noffset = 0', "pitch_rad": 'type = "f"\noffset = 4\nfactor = -1.0'})
     )
-    assert packets(struct.pack("<2f", 0.5, 0.25)) == RigSetpoint(values=(0.0, 0.0, 0.5, 0.0, -0.25, 0.0))
+    assert packets(struct.pack("<2f", 0.5, 0.25)) == protocols.RigSetpoint(values=(0.0, 0.0, 0.5, 0.0, -0.25, 0.0))
     assert packets(struct.pack("<2f", 11.0, 0.0)) == "setpoints that are not finite, or beyond 10 m or rad"
 
 
@@ -101,7 +99,7 @@ def test_text(made):
     """A line with start, end and separator of its own, in decimals and in hexadecimals; what is none is said."""
     columns = fields({"up_m_s2": "column = 2\nfactor = 9.81\nzero = 1.0", "time_s": "column = 0"})
     packets = made('format = "text"\nstarts_with = "S~"\nends_with = "~"\nseparator = ";"\n' + columns)
-    assert packets(b"S~12.5;x; 1.5e0;7~\r\n") == VehicleMotion(
+    assert packets(b"S~12.5;x; 1.5e0;7~\r\n") == protocols.VehicleMotion(
         acceleration=(0.0, 0.0, pytest.approx(4.905)), rates=(0.0, 0.0, 0.0), time_s=12.5
     )
     assert packets(b"S~1;2~") == "2 columns (the file reads 3)"
@@ -121,7 +119,9 @@ def test_json(made):
         + fields({"forward_m_s2": 'key = ["a", 1]', "yaw_rad_s": 'key = ["rates", "r"]\nfactor = -1.0'})
     )
     good = {"a": [0, 2.5], "rates": {"r": 1}}
-    assert packets(json.dumps(good).encode()) == VehicleMotion(acceleration=(2.5, 0.0, 0.0), rates=(0.0, 0.0, -1.0))
+    assert packets(json.dumps(good).encode()) == protocols.VehicleMotion(
+        acceleration=(2.5, 0.0, 0.0), rates=(0.0, 0.0, -1.0)
+    )
     for value in (True, "2.5", None, 10**400):
         said = packets(json.dumps({"a": [0, value], "rates": {"r": 1}}).encode())
         assert said == "JSON without a number at a.1, for forward_m_s2"
@@ -153,7 +153,7 @@ def test_a_file_that_no_packet_can_follow_is_refused(made, text, said):
 def test_the_shipped_layouts():
     """A flight simulator on its tail's side: standing, banked left by 90 deg, 1 g towards the left; thrown forward by 10 ft/s2.
     Rigs in mid stroke stand in neutral, and the largest number is the longest leg."""
-    msfs = protocol(str(SHIPPED / "msfs.toml"))
+    msfs = toml_protocol.protocol(str(SHIPPED / "msfs.toml"))
     names = [
         "ACCELERATION BODY X",
         "ACCELERATION BODY Y",
@@ -167,7 +167,7 @@ def test_the_shipped_layouts():
     assert banked.acceleration == pytest.approx((0.0, -G, -G))
     pushed = msfs(json.dumps(level | {"ACCELERATION BODY Z": 10.0, "ROTATION VELOCITY BODY Y": 0.1}).encode())
     assert pushed.acceleration == pytest.approx((3.048, 0.0, 0.0)) and pushed.rates == pytest.approx((0.0, 0.0, -0.1))
-    mover, simtools = (protocol(str(SHIPPED / f"{name}.toml")) for name in ("mover", "simtools"))
+    mover, simtools = (toml_protocol.protocol(str(SHIPPED / f"{name}.toml")) for name in ("mover", "simtools"))
     middle, most = mover(b"AB" + b"\x80\0\0" * 6), mover(b"AB" + b"\xff" * 18)
     assert middle.values == pytest.approx([0.0] * 6, abs=1e-7) and most.values == pytest.approx([0.151] * 6, abs=1e-3)
     assert simtools(b"0,32767,32768,65535,0,0").values == pytest.approx(
@@ -179,8 +179,8 @@ def test_a_rigs_packets_move_the_legs(made):
     """Six actuators at 60 Hz to 20 mm on the bench's one leg: it goes there, holds through 0.3 s of silence without a fault,
     and comes back to neutral after a longer one, where the machine still runs."""
     packets = made('format = "text"\n' + fields({"leg_1_m": "column = 0\nfactor = 0.001"}))
-    vehicle = Vehicle(decode=packets, name="rig")
-    server = Server(load_machine("bench"), port=0, host_input=HostInput(vehicle=vehicle))
+    vehicle = vehicle_link.Vehicle(decode=packets, name="rig")
+    server = serve.Server(load_machine("bench"), port=0, host_input=serve.HostInput(vehicle=vehicle))
     with server, contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as rig:
 
         def play(seconds: float, sends: bool) -> float:
@@ -194,4 +194,4 @@ def test_a_rigs_packets_move_the_legs(made):
         assert play(4.0, True) - neutral == pytest.approx(0.020, abs=1e-3)
         assert play(0.3, False) - neutral == pytest.approx(0.020, abs=1e-3)
         assert play(3.0, False) - neutral == pytest.approx(0.0, abs=1e-3)
-        assert server.computer.state == State.NORMAL and not server.computer.errors
+        assert server.computer.state == states.State.NORMAL and not server.computer.errors

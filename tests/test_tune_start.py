@@ -4,16 +4,16 @@ import json
 
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.simulation import make_compensators
-from hexsim.studies.tune_start import FILE, teach
+from hexsim.studies import tune_start
 
 
 @pytest.fixture(scope="module")
 def taught(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tune")
-    return folder / FILE, teach(load_machine("bench"), folder, "adaptive")
+    return folder / tune_start.FILE, tune_start.teach(load_machine("bench"), folder, "adaptive")
 
 
 def test_the_second_reversal_is_compensated(taught) -> None:
@@ -53,4 +53,4 @@ def test_a_leg_without_start_parameters_stays_under_plain_control(taught) -> Non
 def test_an_algorithm_that_learns_nothing_is_refused(tmp_path) -> None:
     """The exact inverse has no parameters to start with."""
     with pytest.raises(HexsimError, match="learns nothing: give adaptive or repetitive"):
-        teach(load_machine("bench"), tmp_path, "none")
+        tune_start.teach(load_machine("bench"), tmp_path, "none")

@@ -8,19 +8,16 @@ import struct
 import numpy as np
 import pytest
 
-from hexsim.cli.flown import vehicle_of
-from hexsim.cueing.protocols import PROTOCOLS, RREF_NAMES, VehicleMotion, rref_requests
-from hexsim.cueing.toml_protocol import protocol
-from hexsim.cueing.washout import Washout, poses, washout_of
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
+from hexsim.cli import flown
+from hexsim.cueing import protocols, toml_protocol, washout
 from hexsim.machine import load_machine
-from hexsim.motion_computer.states import State
+from hexsim.motion_computer import states
 from hexsim.recording.washout_figure import washout_figure
-from hexsim.simulation.serve import HostInput, Server
-from hexsim.simulation.vehicle_link import Vehicle
+from hexsim.simulation import serve, vehicle_link
 
 beamng, flightgear, outsim, xplane, xplane12, xplane_rref = (
-    PROTOCOLS[name] for name in ("beamng", "flightgear", "outsim", "xplane", "xplane12", "xplane-rref")
+    protocols.PROTOCOLS[name] for name in ("beamng", "flightgear", "outsim", "xplane", "xplane12", "xplane-rref")
 )
 
 FOOT = 0.3048
@@ -39,7 +36,7 @@ def fdm(x=0.0, y=0.0, z=-9.81, phi=0.0, theta=0.0, rates=(0.0, 0.0, 0.0), versio
 def test_the_platform_returns_and_leans() -> None:
     """2 m/s2 forward for 40 s, scaled by 0.3: surge goes out and comes back, the nose rises until gravity gives 0.6 m/s2,
     no faster than 3 deg/s."""
-    found = poses(Washout(), np.tile([2.0, 0.0, 0.0], (20_000, 1)))
+    found = washout.poses(washout.Washout(), np.tile([2.0, 0.0, 0.0], (20_000, 1)))
     assert np.abs(found[:, 0]).max() > 0.03 and abs(found[-1, 0]) < 1e-4
     assert -9.81 * math.sin(found[-1, 4]) == pytest.approx(0.6, rel=0.01)
     assert np.abs(np.diff(found[:, 4])).max() * 500.0 <= math.radians(3.0) * 1.001
@@ -51,7 +48,9 @@ def test_adaptive_washout_keeps_large_manoeuvres_inside() -> None:
     push = np.zeros((3000, 3))
     push[100:600, 0] = 1.0
     for size, least, most in ((6.0, 0.0, 0.7), (0.3, 0.97, 1.0)):
-        classical, adaptive = (np.abs(poses(Washout(adaptive=on), size * push)[:, 0]).max() for on in (False, True))
+        classical, adaptive = (
+            np.abs(washout.poses(washout.Washout(adaptive=on), size * push)[:, 0]).max() for on in (False, True)
+        )
         assert least <= adaptive / classical <= most
         assert classical > 0.1 or size < 1.0
 
@@ -59,7 +58,7 @@ def test_adaptive_washout_keeps_large_manoeuvres_inside() -> None:
 def test_a_washout_that_cannot_be_is_refused() -> None:
     """A corner frequency of zero would keep the platform out for ever."""
     with pytest.raises(HexsimError, match="washout: scale, corner frequencies"):
-        Washout(high_pass_rad_s=(0.0, 1.0, 1.0))
+        washout.Washout(high_pass_rad_s=(0.0, 1.0, 1.0))
 
 
 def test_a_washout_from_a_file(tmp_path) -> None:
@@ -67,8 +66,11 @@ def test_a_washout_from_a_file(tmp_path) -> None:
     in one sentence with the file."""
     path = tmp_path / "mine.toml"
     path.write_text("scale = 0.5\nhigh_pass_rad_s = [2, 1.0, 3.0]\nadaptive = true\n")
-    assert washout_of(str(path)) == Washout(scale=0.5, high_pass_rad_s=(2.0, 1.0, 3.0), adaptive=True)
-    assert washout_of("adaptive") == Washout(adaptive=True) and washout_of("classical") == Washout()
+    assert washout.washout_of(str(path)) == washout.Washout(scale=0.5, high_pass_rad_s=(2.0, 1.0, 3.0), adaptive=True)
+    assert (
+        washout.washout_of("adaptive") == washout.Washout(adaptive=True)
+        and washout.washout_of("classical") == washout.Washout()
+    )
     for text, said in (
         ("size = 1.0", "size: unexpected keyword argument; the keys are scale, high_pass_rad_s"),
         ("high_pass_rad_s = [1.0]", "high_pass_rad_s: field required; the keys"),
@@ -77,15 +79,15 @@ def test_a_washout_from_a_file(tmp_path) -> None:
     ):
         path.write_text(text)
         with pytest.raises(HexsimError, match=said) as caught:
-            washout_of(str(path))
+            washout.washout_of(str(path))
         assert str(caught.value).startswith(str(path))
     with pytest.raises(HexsimError, match="washout 'none' is unknown: give classical, adaptive"):
-        washout_of("none")
+        washout.washout_of("none")
 
 
 def test_what_a_washout_makes_of_a_push_is_drawn() -> None:
     """A column a washout; after four seconds of push the lean alone gives the scaled acceleration, drawn in its own units."""
-    figure = washout_figure({"mine": Washout(), "other": Washout(scale=0.2)}, 3.0)
+    figure = washout_figure({"mine": washout.Washout(), "other": washout.Washout(scale=0.2)}, 3.0)
     assert [plot.get_title() for plot in figure.axes[:2]] == ["mine", "other"]
     way, lean, force = (plot.lines[-1].get_ydata() for plot in figure.axes[::2])
     held = int(4.1 * 500)
@@ -190,7 +192,7 @@ def rref(values, first: int = 1) -> bytes:
 def test_datarefs_of_xplane_are_asked_for_and_read() -> None:
     """A request is 413 bytes with rate, index and name; its answers, in any order and with others among them, read as the
     DATA groups do; one that is missing is named."""
-    requests = [struct.unpack("<5sii400s", data) for data in rref_requests(60)]
+    requests = [struct.unpack("<5sii400s", data) for data in protocols.rref_requests(60)]
     assert [(head, rate) for head, rate, _, _ in requests] == [(b"RREF\0", 60)] * 6
     asked = {index: name.rstrip(b"\0").decode() for _, _, index, name in requests}
     told = {"g_axil": 0.1, "g_side": 0.2, "g_nrml": 2.0, "Prad": 0.1, "Qrad": 0.3, "Rrad": 0.2}
@@ -199,7 +201,7 @@ def test_datarefs_of_xplane_are_asked_for_and_read() -> None:
         found = xplane_rref(b"RREF," + b"".join(order))
         assert found.acceleration == pytest.approx((0.981, -1.962, 9.81), abs=1e-5)
         assert found.rates == pytest.approx((0.1, -0.3, -0.2), abs=1e-6)
-    assert f"without {RREF_NAMES[5]}, index 6" in xplane_rref(rref([0.0] * 5))
+    assert f"without {protocols.RREF_NAMES[5]}, index 6" in xplane_rref(rref([0.0] * 5))
 
 
 def outsim2(main, parts: int = 208) -> bytes:
@@ -228,7 +230,9 @@ def test_packets_that_a_file_describes(tmp_path) -> None:
     of the packet, an unknown one and other texts are refused as the file is loaded, in one sentence that names it."""
     path = tmp_path / "mine.toml"
     path.write_text('bytes = 8\n[fields.up_m_s2]\ntype = "f"\noffset = 4\nfactor = 9.81\nzero = 1.0\n')
-    assert protocol(str(path))(struct.pack("<2f", 0.0, 1.5)).acceleration == pytest.approx((0.0, 0.0, 4.905))
+    assert toml_protocol.protocol(str(path))(struct.pack("<2f", 0.0, 1.5)).acceleration == pytest.approx(
+        (0.0, 0.0, 4.905)
+    )
     for text, said in (
         ('bytes = 4\n[fields.up_m_s2]\ntype = "f"\noffset = 4\n', "lies outside the packet"),
         ('bytes = 4\n[fields.up]\ntype = "f"\noffset = 0\n', r"\[fields.up\] is unknown: give any of forward_m_s2"),
@@ -251,15 +255,15 @@ def test_packets_that_a_file_describes(tmp_path) -> None:
     ):
         path.write_text(text)
         with pytest.raises(HexsimError, match=said) as caught:
-            protocol(str(path))
+            toml_protocol.protocol(str(path))
         assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
     with pytest.raises(
         HexsimError, match="--from 'aces' is unknown: give one of flightgear, jsbsim, xplane, xplane12, xplane-rref"
     ):
-        protocol("aces")
+        toml_protocol.protocol("aces")
 
 
-def drive(server: Server, seconds: float, packet, every: int = 8):
+def drive(server: serve.Server, seconds: float, packet, every: int = 8):
     """Tick a server, sending a packet each `every` ticks (8: 62.5 Hz), where there is one."""
     host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -273,9 +277,11 @@ def drive(server: Server, seconds: float, packet, every: int = 8):
         host.close()
 
 
-def hexapod(**more) -> Server:
-    vehicle = Vehicle(decode=flightgear, name="flightgear", **more)
-    return Server(load_machine("micro_motion_system"), port=0, host_input=HostInput(vehicle=vehicle), timestep=2e-4)
+def hexapod(**more) -> serve.Server:
+    vehicle = vehicle_link.Vehicle(decode=flightgear, name="flightgear", **more)
+    return serve.Server(
+        load_machine("micro_motion_system"), port=0, host_input=serve.HostInput(vehicle=vehicle), timestep=2e-4
+    )
 
 
 def test_a_flight_model_moves_the_machine() -> None:
@@ -292,7 +298,7 @@ def test_a_flight_model_moves_the_machine() -> None:
         for _ in drive(server, 3.0, packet):
             asked = max(asked, server.link.pose[2])
             highest = max(highest, float(server.plant.data.qpos[2] - server.plant.kinematics.neutral_height_m))
-        assert server.computer.state == State.NORMAL
+        assert server.computer.state == states.State.NORMAL
         assert asked > 0.01 and highest == pytest.approx(asked, rel=0.3)
 
 
@@ -304,11 +310,11 @@ def test_a_pause_settles_the_machine_and_it_goes_on() -> None:
         poses = [server.link.pose.copy() for server in drive(server, 4.0, flight)]
         for _ in drive(server, 8.0, lambda: None):
             poses.append(server.link.pose.copy())
-        assert server.computer.state == State.NORMAL and not server.computer.errors
+        assert server.computer.state == states.State.NORMAL and not server.computer.errors
         assert np.abs(poses[-1]).max() < 0.02 < np.abs(poses[1999]).max()
         for _ in drive(server, 4.0, flight):
             poses.append(server.link.pose.copy())
-        assert server.computer.state == State.NORMAL and server.link.share == 1.0
+        assert server.computer.state == states.State.NORMAL and server.link.share == 1.0
         np.testing.assert_allclose(poses[-1], poses[1999], atol=0.02)
         change = np.abs(np.diff(poses, 2, axis=0)).max(axis=1) / server.tick_s**2
         flown = change[:250].max()  # the fade from rest into the flight
@@ -323,10 +329,10 @@ def test_strictly_a_pause_is_a_fault() -> None:
     with hexapod(strict=True) as server:
         for _ in drive(server, 0.6, fdm):
             pass
-        assert server.computer.state == State.NORMAL
+        assert server.computer.state == states.State.NORMAL
         for _ in drive(server, 1.2, lambda: None):
             pass
-        assert server.computer.state == State.FAULT
+        assert server.computer.state == states.State.FAULT
 
 
 def test_one_simulator_at_a_time_is_listened_to() -> None:
@@ -360,31 +366,33 @@ def test_xplane_is_asked_until_it_answers_and_told_the_end() -> None:
                 found.append(struct.unpack_from("<ii", xplane_socket.recv(1000), 5))
         return found
 
-    vehicle = vehicle_of(f"xplane-rref@127.0.0.1:{xplane_socket.getsockname()[1]}", strict=False)
+    vehicle = flown.vehicle_of(f"xplane-rref@127.0.0.1:{xplane_socket.getsockname()[1]}", strict=False)
     everything = [(60, index) for index in range(1, 7)]
     with xplane_socket:
-        with Server(load_machine("bench"), port=0, host_input=HostInput(vehicle=vehicle), timestep=2e-4) as server:
+        with serve.Server(
+            load_machine("bench"), port=0, host_input=serve.HostInput(vehicle=vehicle), timestep=2e-4
+        ) as server:
             for _ in range(round(1.5 / server.tick_s)):
                 server.tick()
             assert asked() == 2 * everything
             for _ in range(round(1.0 / server.tick_s)):
                 xplane_socket.sendto(rref([0.0, 0.0, 1.2, 0.0, 0.0, 0.0]), server.address)
                 server.tick()
-            assert server.computer.state == State.NORMAL and server.link.pose[2] > 1e-3 and asked() == []
+            assert server.computer.state == states.State.NORMAL and server.link.pose[2] > 1e-3 and asked() == []
         assert asked() == [(0, index) for index in range(1, 7)]
     for wrong in ("xplane-rref@", "xplane-rref@127.0.0.1:x", "xplane-rref@127.0.0.1:70000", "xplane-rref@no such host"):
         with pytest.raises(HexsimError, match="xplane-rref@"):
-            vehicle_of(wrong, strict=False)
+            flown.vehicle_of(wrong, strict=False)
 
 
 def test_a_clock_that_stands_still_is_a_pause() -> None:
     """OutSim packets that go on with the same time: the simulator is in a menu, and its last acceleration is not held."""
     main = (0.0,) * 3 + (0.0,) * 3 + (0.0, 4.0, 0.0) + (0.0,) * 3
     clock = iter(range(1, 1_000_000))
-    with Server(
+    with serve.Server(
         load_machine("bench"),
         port=0,
-        host_input=HostInput(vehicle=Vehicle(decode=outsim, name="outsim")),
+        host_input=serve.HostInput(vehicle=vehicle_link.Vehicle(decode=outsim, name="outsim")),
         timestep=2e-4,
     ) as server:
         for _ in drive(server, 1.5, lambda: struct.pack("<I12f3i", 16 * next(clock), *main, 0, 0, 0)):
@@ -450,15 +458,15 @@ def test_a_take_off_is_felt(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)  # JSBSim leaves a table where it runs
     rng, packets = np.random.default_rng(0), take_off(19.0, tmp_path)
     found = [flightgear(data) for _, data in packets]
-    assert all(isinstance(one, VehicleMotion) for one in found) and len(found) > 1000
+    assert all(isinstance(one, protocols.VehicleMotion) for one in found) and len(found) > 1000
     assert np.mean([one.acceleration[0] for one in found[300:600]]) == pytest.approx(2.6, abs=0.4)
     assert max(one.acceleration[2] for one in found[800:]) > 1.0
     waiting = sorted((t + rng.uniform(0.0, 0.005), data) for t, data in packets if rng.random() > 0.05)
-    with Server(
+    with serve.Server(
         load_machine("micro_motion_system/tuned"),
         port=0,
         timestep=2e-4,
-        host_input=HostInput(vehicle=Vehicle(decode=flightgear)),
+        host_input=serve.HostInput(vehicle=vehicle_link.Vehicle(decode=flightgear)),
     ) as server:
         host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         while waiting:
@@ -466,7 +474,7 @@ def test_a_take_off_is_felt(tmp_path, monkeypatch) -> None:
                 host.sendto(waiting.pop(0)[1], server.address)
             server.tick()
         host.close()
-        assert server.computer.state == State.NORMAL
+        assert server.computer.state == states.State.NORMAL
         latency = server.latency.ms()
     assert {"x", "pitch"} <= set(latency)
     assert max(latency.values()) < 40.0
@@ -483,7 +491,7 @@ def test_beamng() -> None:
     are said."""
     assert beamng(motionsim()).acceleration == (0.0, 0.0, 0.0)
     assert beamng(motionsim(rear=2.0, up=1.0)).acceleration == pytest.approx((-2.0, 0.0, 1.0))
-    assert beamng(motionsim(left=-3.0, rates=(0.1, -0.2, 0.3))) == VehicleMotion(
+    assert beamng(motionsim(left=-3.0, rates=(0.1, -0.2, 0.3))) == protocols.VehicleMotion(
         acceleration=(0.0, -3.0, 0.0), rates=struct.unpack("<3f", struct.pack("<3f", 0.1, -0.2, 0.3))
     )
     assert beamng(motionsim(magic=b"BNG2")) == "88 bytes that begin with b'BNG2'"
@@ -492,5 +500,5 @@ def test_beamng() -> None:
 
 def test_other_names_of_the_same_packets() -> None:
     """JSBSim sends FlightGear's packets and Live for Speed OutSim's."""
-    assert PROTOCOLS["jsbsim"](fdm(x=1.0)) == PROTOCOLS["flightgear"](fdm(x=1.0))
-    assert PROTOCOLS["lfs"] is outsim
+    assert protocols.PROTOCOLS["jsbsim"](fdm(x=1.0)) == protocols.PROTOCOLS["flightgear"](fdm(x=1.0))
+    assert protocols.PROTOCOLS["lfs"] is outsim

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hexsim.machine import available_machines
+import hexsim as hx
 
 ROOT = Path(__file__).parents[1]
 
@@ -63,7 +63,7 @@ def test_wheel_carries_the_models(installed, tmp_path):
         [installed / "python", "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True
     ).stdout.split()
     assert str(installed.parent) in where
-    assert machines == available_machines()
+    assert machines == hx.available()["machines"]
 
 
 @pytest.mark.slow

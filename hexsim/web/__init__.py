@@ -6,6 +6,6 @@ The page and the simulation are one process, reachable from this computer alone;
 from hexsim.web.flight import Flight
 from hexsim.web.flight_page import FlightPage
 from hexsim.web.page import Page
-from hexsim.web.session import Session
+from hexsim.web.session import Asked, Session
 
-__all__ = ["Flight", "FlightPage", "Page", "Session"]
+__all__ = ["Asked", "Flight", "FlightPage", "Page", "Session"]

@@ -12,14 +12,12 @@ from leg_plant import AREA_BOTTOM, AREA_TOP, Leg, run, sine
 import compensation
 from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_plain
 from compensation import Context
-from compensation.adaptive import Adaptive, damping, estimator, fit
+from compensation.adaptive import Adaptive, damping, estimator, fit, prior
 from compensation.adaptive import leg as model
-from compensation.adaptive.prior import add_prior, fill_prior
+from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import Run, simulate
-from hexsim.smoothness import band_limit
 
 TRUE = dict(
     ln_spool=math.log(60.0), zeta=0.7, amp_lag_s=7e-4, delay_s=3.1e-3, play_V=0.01, gain_up=1.0, gain_dn=0.95, dead_up_V=0.06,
@@ -130,7 +128,7 @@ def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
     """With the information of folded windows the prior's gradient and curvature are still those of its cost."""
     state = Adaptive().start(Context()).numbers
     fold = state.fit
-    fill_prior(fold, state.settings, 490.0)
+    prior.fill_prior(fold, state.settings, 490.0)
     random = np.random.default_rng(1)
     root = random.normal(size=(model.N_NUMBERS, model.N_NUMBERS))
     fold.folded_H[:] = root @ root.T
@@ -139,7 +137,7 @@ def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
 
     def cost(numbers: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         H, g = np.zeros((model.N_NUMBERS, model.N_NUMBERS)), np.zeros(model.N_NUMBERS)
-        return add_prior(fold, numbers, H, g), H, g
+        return prior.add_prior(fold, numbers, H, g), H, g
 
     _, H, g = cost(at)
     for k in range(model.N_NUMBERS):
@@ -384,7 +382,7 @@ def _rough(run: Run) -> float:
     """Largest departure [m/s2] of the heave acceleration from its mean over 0.1 s, between 10 and 11.9 s."""
     t, a = run.log["time_s"].to_numpy(), run.log["true_acceleration_z_m_s2"].to_numpy()
     wide = max(round(0.1 / (t[1] - t[0])), 1)
-    a = band_limit(t, a)
+    a = smoothness.band_limit(t, a)
     return float(np.abs(a - np.convolve(a, np.ones(wide) / wide, "same"))[(t > 10.0) & (t < 11.9)].max())
 
 
@@ -400,7 +398,7 @@ def test_legs_that_move_apart_engage_too() -> None:
         log = simulate(machine, scenario, compensator=name, fast=True, seed=61).log
         t, found = log["time_s"].to_numpy(), []
         for axis in axes:
-            off = band_limit(t, log[f"true_{axis}"].to_numpy()) - log[f"commanded_{axis}"].to_numpy()
+            off = smoothness.band_limit(t, log[f"true_{axis}"].to_numpy()) - log[f"commanded_{axis}"].to_numpy()
             off -= np.convolve(off, np.ones(101) / 101, "same")
             found.append(np.abs(off[(t > 14.0) & (t < 17.8)]).max())
         return np.array(found)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import compensation
+from compensation import compiled
 from compensation.adaptive.layout import STATE
-from compensation.compiled import compiled_sources
 
 
 def test_nothing_is_compiled_by_an_import() -> None:
@@ -46,4 +46,4 @@ def test_the_cache_knows_every_file_with_compiled_code() -> None:
     holds = {
         path for path in package.rglob("*.py") if "@compiled" in (text := path.read_text()) or " = record(" in text
     }
-    assert len(holds) > 10 and holds <= set(compiled_sources())
+    assert len(holds) > 10 and holds <= set(compiled.compiled_sources())

@@ -9,12 +9,12 @@ import math
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import load_scenario
 from hexsim.cli import app
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.data_sheet import compensator_context
-from hexsim.recording.summary_table import facts
-from hexsim.scenarios import load_scenario
+from hexsim.recording import summary_table
 from hexsim.simulation import Run, simulate
 
 
@@ -66,7 +66,7 @@ def test_motion_that_tells_nothing_is_said(amplitude_m: float, noise_m: float) -
     (leg,) = run.summary["compensation"]
     assert not leg["engaged"] and leg["engaged_at_s"] is None and leg["engaged_share"] == 0.0
     assert "windows of motion seen" in leg["reason"]
-    assert ("compensation", f"leg 1: not engaged: {leg['reason']}") in facts(run.summary, run)
+    assert ("compensation", f"leg 1: not engaged: {leg['reason']}") in summary_table.facts(run.summary, run)
 
 
 def test_algorithms_that_say_nothing_are_engaged_from_their_first_volts() -> None:

@@ -8,15 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compensation import Context
-from compensation.damping_design import MAX_WRONG_SHARE, WORK, damped_share, damping_filter
-from compensation.least_squares import add_row, solve, start_least_squares
-from compensation.loop_feedback import LOOP, fed_back_V
-from compensation.records import empty, record
-from compensation.spool_model import free_motion
+from compensation import Context, damping_design, least_squares, loop_feedback, records, spool_model
 
 TICK_S, SPOOL_S, DAMPING, LOW_Hz, HIGH_Hz, TAPS = 2e-3, 3.7e-3, 0.7, 15.0, 65.0, 7
-DESIGN = record(damping_count="i8", damping_low_Hz="f8", damping_high_Hz="f8", spool_damping="f8", tick_s="f8")
+DESIGN = records.record(damping_count="i8", damping_low_Hz="f8", damping_high_Hz="f8", spool_damping="f8", tick_s="f8")
 FED_BACK = (
     "velocity_gain_V_s_per_m", "velocity_pole", "velocity_share", "pressure_gain_V_per_Pa", "pressure_pole", "pressure_share"
 )  # fmt: skip
@@ -24,10 +19,12 @@ FED_BACK = (
 
 def taps_of(delay_s: float, resonance_Hz: float = 0.0, viscous: float = 0.0, spool_s: float = SPOOL_S) -> np.ndarray:
     """Taps for a spool of such a lag behind a delay; viscous: b/m over the damping's rate."""
-    settings, taps = empty(DESIGN), np.zeros(TAPS)
+    settings, taps = records.empty(DESIGN), np.zeros(TAPS)
     settings.damping_count, settings.tick_s, settings.spool_damping = TAPS, TICK_S, DAMPING
     settings.damping_low_Hz, settings.damping_high_Hz = LOW_Hz, HIGH_Hz
-    damping_filter(empty(WORK), taps, spool_s + delay_s, delay_s, (resonance_Hz, viscous), settings)
+    damping_design.damping_filter(
+        records.empty(damping_design.WORK), taps, spool_s + delay_s, delay_s, (resonance_Hz, viscous), settings
+    )
     return taps
 
 
@@ -52,7 +49,7 @@ def test_damping_opposes_the_pressure_between_20_and_60_hz(spool_s) -> None:
 def test_damping_gives_way_where_it_would_feed_the_oscillation(delay_s) -> None:
     """At no frequency from 15 to 250 Hz does the flow follow the pressure by more than the bound."""
     share = through(taps_of(delay_s), np.linspace(15, 250, 60), delay_s).real
-    assert -share.min() <= 1.05 * MAX_WRONG_SHARE  # the bound holds on a grid of its own
+    assert -share.min() <= 1.05 * damping_design.MAX_WRONG_SHARE  # the bound holds on a grid of its own
 
 
 @pytest.mark.parametrize("resonance_Hz", [55.0, 70.0, 110.0])
@@ -72,20 +69,20 @@ def test_the_share_that_the_design_reckons_is_that_of_the_taps() -> None:
     """`damped_share` is the real part of the flow, to 1e-9, for a valve with 3 ms of delay."""
     taps, f = taps_of(3e-3, 60.0, 0.2), np.linspace(5.0, 240.0, 48)
     valve = TICK_S, SPOOL_S + 3e-3, 3e-3, DAMPING
-    found = [damped_share(taps, TAPS, float(one), valve) for one in f]
+    found = [damping_design.damped_share(taps, TAPS, float(one), valve) for one in f]
     assert np.abs(found - through(taps, f, 3e-3).real).max() < 1e-9
 
 
 def test_least_squares_is_the_solution_of_all_rows_at_once() -> None:
     """Rows rotated into a triangle one by one give the solution of numpy's lstsq, to 1e-12, with rows of weights from 1e-2 to 1e3
     among them."""
-    rng, work, found = np.random.default_rng(0), empty(WORK), np.zeros(7)
+    rng, work, found = np.random.default_rng(0), records.empty(damping_design.WORK), np.zeros(7)
     rows = rng.normal(size=(200, 8)) * 10.0 ** rng.uniform(-2, 3, (200, 1))
-    start_least_squares(work, 7)
+    least_squares.start_least_squares(work, 7)
     for row in rows:
         work.row[:8] = row
-        add_row(work, 7)
-    solve(work, 7, found)
+        least_squares.add_row(work, 7)
+    least_squares.solve(work, 7, found)
     assert np.abs(found - np.linalg.lstsq(rows[:, :7], rows[:, 7], rcond=None)[0]).max() < 1e-12
 
 
@@ -93,10 +90,13 @@ def test_feedback_in_the_motion_asked_for_is_that_of_a_known_motion() -> None:
     """A ramp of 0.1 m/s and a pressure step of 0.2 MPa: K_d 0.1 m/s once the filter is in, and K_p 0.2 MPa that falls with the
     high-pass's time constant."""
     context = Context(velocity_gain_V_s_per_m=0.6, pressure_gain_V_per_Pa=6e-8)
-    loop, settings = empty(LOOP), empty(record(**{name: "f8" for name in FED_BACK}))
+    loop, settings = (
+        records.empty(loop_feedback.LOOP),
+        records.empty(records.record(**{name: "f8" for name in FED_BACK})),
+    )
     for name in FED_BACK:
         settings[name] = getattr(context, name)
-    volts = [fed_back_V(loop, settings, 0.1 + 0.1 * k / 500, 2e5 * (k >= 250)) for k in range(331)]
+    volts = [loop_feedback.fed_back_V(loop, settings, 0.1 + 0.1 * k / 500, 2e5 * (k >= 250)) for k in range(331)]
     assert volts[249] == pytest.approx(0.06, rel=1e-6)
     assert volts[250] - 0.06 == pytest.approx(0.012, rel=0.01)
     assert volts[330] - 0.06 == pytest.approx(0.012 * math.exp(-2 * math.pi * 0.16), rel=0.02)
@@ -108,7 +108,7 @@ def test_the_spool_is_that_of_its_equation(damping: float) -> None:
     differences, under and over critical damping and next to it."""
     w, h = 2 * math.pi * 60.0, 1e-7
     for t in (1e-4, 2e-3, 8e-3):
-        (c0, s0), (c, s), (c1, s1) = (np.array(free_motion(damping, w, t + d)) for d in (-h, 0.0, h))
+        (c0, s0), (c, s), (c1, s1) = (np.array(spool_model.free_motion(damping, w, t + d)) for d in (-h, 0.0, h))
         scale = 1.0 + damping
         assert (s1 - s0) / (2 * h) == pytest.approx(c - damping * w * s, abs=1e-5 * scale)
         assert (c1 - c0) / (2 * h * w) == pytest.approx(-damping * c - w * (1 - damping**2) * s, abs=1e-5 * scale**2)

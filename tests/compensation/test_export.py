@@ -12,23 +12,22 @@ import pytest
 from leg_plant import run
 
 import compensation
-from compensation.export import CompensationTable, from_csv, table_of, to_c, to_csv
-from compensation.report_functions import function_2
+from compensation import export, report_functions
 
 
-def learned(name: str) -> CompensationTable:
+def learned(name: str) -> export.CompensationTable:
     """The table of an algorithm after 8 s of motion."""
     made = compensation.create(name)
-    return table_of(made.parameters(run(made, duration_s=8.0).state))
+    return export.table_of(made.parameters(run(made, duration_s=8.0).state))
 
 
 def test_table_follows_the_function() -> None:
     """At its points the table is Eq. 5.3 to rounding; between them, beyond 50 mV, within 1 mV."""
-    table = table_of({"function": 2, "a_V": 0.25, "q_V": 1.0, "r_V": 0.0})
+    table = export.table_of({"function": 2, "a_V": 0.25, "q_V": 1.0, "r_V": 0.0})
     for u in table.control_V:
-        assert table(u) == pytest.approx(function_2(min(max(u, -2), 2), 0.25, 1.0, 0.0), abs=1e-15)
+        assert table(u) == pytest.approx(report_functions.function_2(min(max(u, -2), 2), 0.25, 1.0, 0.0), abs=1e-15)
     for u in np.linspace(0.05, 1.9, 500):
-        assert table(u) == pytest.approx(function_2(u, 0.25, 1.0, 0.0), abs=1e-3)
+        assert table(u) == pytest.approx(report_functions.function_2(u, 0.25, 1.0, 0.0), abs=1e-3)
 
 
 def test_table_jumps_across_the_overlap() -> None:
@@ -42,20 +41,20 @@ def test_table_jumps_across_the_overlap() -> None:
 def test_csv_gives_the_same_numbers_back(tmp_path) -> None:
     """Writing and reading a table changes no bit; a foreign file is refused by name."""
     table = learned("buffered")
-    to_csv(table, tmp_path / "table.csv")
-    assert from_csv(tmp_path / "table.csv") == table
+    export.to_csv(table, tmp_path / "table.csv")
+    assert export.from_csv(tmp_path / "table.csv") == table
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match=r"other.csv is no compensation table"):
-        from_csv(tmp_path / "other.csv")
+        export.from_csv(tmp_path / "other.csv")
 
 
 def test_only_c_names_are_taken() -> None:
     """A name that C would not take, or a note that ends its comment, is refused."""
-    table = CompensationTable((-1.0, 1.0), (0.0, 0.0))
+    table = export.CompensationTable((-1.0, 1.0), (0.0, 0.0))
     with pytest.raises(ValueError, match="no name for a C function"):
-        to_c(table, name="2nd-leg")
+        export.to_c(table, name="2nd-leg")
     with pytest.raises(ValueError, match=r"must not hold \*/"):
-        to_c(table, note="end */ here")
+        export.to_c(table, note="end */ here")
 
 
 @pytest.mark.parametrize("name", ["buffered", "adaptive", "exact"])
@@ -65,7 +64,7 @@ def test_c_agrees_with_python_to_1e_12(name, tmp_path) -> None:
     if compiler is None:
         pytest.skip("no C compiler on this machine: the exported C function could not be compiled")
     table = learned(name)
-    to_c(table, name="leg_1", note=f"learned by {name}", path=tmp_path / "leg_1.c")
+    export.to_c(table, name="leg_1", note=f"learned by {name}", path=tmp_path / "leg_1.c")
     library = tmp_path / "leg_1.so"
     flags = ["-std=c99", "-O2", "-Wall", "-Werror", "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run([compiler, *flags, "-o", str(library), str(tmp_path / "leg_1.c")], check=True, capture_output=True)

@@ -9,9 +9,9 @@ from leg_plant import sine
 from pair_plant import PairLeg, run_pair
 
 from compensation import create
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 LEGS = {

@@ -8,9 +8,9 @@ from leg_plant import Leg, run, sine
 from scipy.signal import butter, sosfiltfilt
 
 import compensation
-from compensation.started import Started
+from compensation import started as warm_start
 from hexsim.machine import load_machine
-from hexsim.simulation.hosted import Host, played
+from hexsim.simulation import hosted
 
 
 @pytest.mark.parametrize(("buffer_s", "limit"), [(0.0, 0.06), (0.02, 0.05)])
@@ -20,8 +20,8 @@ def test_a_sine_of_rare_packets_is_compensated(buffer_s: float, limit: float) ->
     def pose(time):
         return np.column_stack([(sine()(time) - 0.1) * (k == 2) for k in range(6)])
 
-    host = Host(rate_Hz=60.0, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=11)
-    wanted = played(load_machine("bench"), pose, host, 9000, 15)[:, 0]
+    host = hosted.Host(rate_Hz=60.0, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=11)
+    wanted = hosted.played(load_machine("bench"), pose, host, 9000, 15)[:, 0]
     made = run(compensation.create("adaptive"), setpoint=lambda time: wanted[: len(time)], duration_s=17.9)
     assert made.peak(14.0, 17.8) <= limit
 
@@ -32,7 +32,7 @@ def test_what_a_twin_taught_acts_from_the_first_motion(mass_kg: float) -> None:
     last four less than a tenth."""
     adaptive, plain = compensation.create("adaptive"), compensation.create("none")
     taught = adaptive.parameters(run(adaptive, Leg(mass_kg=mass_kg), duration_s=30.0, seed=1).state)
-    started, bare = (bumps(made, mass_kg) for made in (Started(adaptive, taught), plain))
+    started, bare = (bumps(made, mass_kg) for made in (warm_start.Started(adaptive, taught), plain))
     assert started[0] < bare[0] / 3.0 and (started[1:] < bare[1:] / 10.0).all()
 
 

@@ -6,28 +6,20 @@ import numpy as np
 import pytest
 from leg_plant import sine
 
-from compensation.prediction import (
-    MAX_OFFSET_M,
-    PREDICTION,
-    predict,
-    prediction_table,
-    start_prediction,
-    watch_setpoint,
-)
-from compensation.records import Record, empty
+from compensation import prediction, records
 
 
-def watched(predictor: Record, preview_m: np.ndarray, setpoint_m: float) -> bool:
+def watched(predictor: records.Record, preview_m: np.ndarray, setpoint_m: float) -> bool:
     """One tick: whether the future must be predicted."""
     middle = (len(preview_m) - 1) // 2
     bend = float(preview_m[0] - 2.0 * preview_m[middle] + preview_m[2 * middle])
-    return watch_setpoint(predictor, len(preview_m), bend, setpoint_m)
+    return prediction.watch_setpoint(predictor, len(preview_m), bend, setpoint_m)
 
 
-def predictor_unused() -> Record:
+def predictor_unused() -> records.Record:
     """A predictor that has seen nothing."""
-    predictor = empty(PREDICTION)
-    start_prediction(predictor)
+    predictor = records.empty(prediction.PREDICTION)
+    prediction.start_prediction(predictor)
     return predictor
 
 
@@ -37,7 +29,7 @@ def test_the_future_of_a_smooth_setpoint_is_predicted() -> None:
     wanted = sine()(np.arange(5000) * 0.002)
     for setpoint in wanted:
         assert watched(predictor, np.array([setpoint]), float(setpoint))
-        made.append(predict(predictor, prediction_table(), 9, float(setpoint))[1])
+        made.append(prediction.predict(predictor, prediction.prediction_table(), 9, float(setpoint))[1])
     late, asked = np.array(made)[3000:-9], wanted[3009:]
     assert np.abs(np.diff(late - asked, 2)).max() / 0.002**2 < 0.02
     assert np.std(late - asked) < 5e-4  # it follows the prediction softly: a lag of a millisecond or two
@@ -49,8 +41,8 @@ def test_a_jump_of_packets_comes_in_later() -> None:
     for k in range(1500):
         setpoint = 0.1 if k < 500 else 0.1001
         watched(predictor, np.array([setpoint]), setpoint)
-        made.append(predict(predictor, prediction_table(), 9, setpoint)[1])
-    assert abs(predictor.offset_m) < MAX_OFFSET_M
+        made.append(prediction.predict(predictor, prediction.prediction_table(), 9, setpoint)[1])
+    assert abs(predictor.offset_m) < prediction.MAX_OFFSET_M
     assert np.abs(np.diff(made, 2)).max() / 0.002**2 < 0.11
     assert made[-1] == pytest.approx(0.1001, abs=2e-5)
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from compensation import Compensator, Context, Parameters, Sample
+from hexsim import smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
-from hexsim.smoothness import band_limit, response_delay_s
 
 FILTER_Hz = 14.55  # of the shipped tuned machine
 DELAY_S = math.sqrt(2.0) / (2.0 * math.pi * FILTER_Hz)  # of a Butterworth filter of second order, at low frequencies
@@ -75,7 +75,7 @@ def test_the_filters_delay_is_not_felt(heaves, algorithm: str, at_least_s: float
     what `repetitive` learns from period to period does not bring the filter's delay back."""
     time, piston, asked = (heaves[algorithm][name].to_numpy() for name in ("time_s", "position_m", "setpoint_m"))
     late = time > 14.0
-    assert at_least_s < response_delay_s(time[late], piston[late], asked[late]) < at_most_s
+    assert at_least_s < smoothness.response_delay_s(time[late], piston[late], asked[late]) < at_most_s
 
 
 def test_volts_come_in_and_the_lag_goes_without_a_jolt(heaves) -> None:
@@ -84,7 +84,7 @@ def test_volts_come_in_and_the_lag_goes_without_a_jolt(heaves) -> None:
     bumps = {}
     for name in ("none", "adaptive"):
         time, felt = (heaves[name][column].to_numpy() for column in ("time_s", "true_acceleration_m_s2"))
-        felt = band_limit(time, felt)
+        felt = smoothness.band_limit(time, felt)
         bumps[name] = np.array([bump(time, felt, start) for start in range(2, 20, 2)])
     assert bumps["adaptive"].max() < 1.1 * bumps["none"].max()
     assert bumps["adaptive"][-2:].max() < 0.1 * bumps["none"][-2:].max()

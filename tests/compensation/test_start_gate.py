@@ -14,18 +14,23 @@ from hypothesis import strategies as st
 from leg_plant import run
 
 import compensation
-from compensation import Compensator, Context, Sample, check_parameters
-from compensation.compensator import all_finite
-from compensation.guard import BEYOND, NOT_FINITE, SENTENCES
-from compensation.records import kinds
-from compensation.started import Started
-from compensation.volts_bound import EDGE_MARGIN, GAIN_MARGIN, edge_V, lead_gain
-from hexsim.errors import HexsimError
+from compensation import (
+    Compensator,
+    Context,
+    Sample,
+    check_parameters,
+    compensator,
+    guard,
+    records,
+    started,
+    volts_bound,
+)
+from hexsim import HexsimError
 from hexsim.machine import load_machine
-from hexsim.motion_computer.compensator_packet import AskedCompensator
+from hexsim.motion_computer import compensator_packet
 from hexsim.motion_computer.data_sheet import compensator_context
+from hexsim.simulation import make_compensators
 from hexsim.simulation.asked_compensators import AskedCompensators
-from hexsim.simulation.start_parameters import started
 
 CONTEXT = Context(edge_V=0.07, spool_frequency_Hz=60.0)
 ODD = (None, math.nan, math.inf, -math.inf, "1", True, [], {}, 10**400, 1e308, -1e308)
@@ -104,7 +109,7 @@ def test_the_gate_is_the_same_for_every_algorithm(name) -> None:
     made.restore(CONTEXT, own)
     for bad in (None, [], 3, *(with_value(own, place, math.nan) for place in places(own)[:6])):
         with pytest.raises(ValueError, match="start parameters of"):
-            Started(made, bad).start(CONTEXT)
+            started.Started(made, bad).start(CONTEXT)
 
 
 def test_files_and_packets_go_through_it(learned, tmp_path) -> None:
@@ -112,16 +117,18 @@ def test_files_and_packets_go_through_it(learned, tmp_path) -> None:
     machine, algorithm = load_machine("bench"), "adaptive"
     path = tmp_path / "compensator.json"
     path.write_text(json.dumps({"compensator": algorithm, "legs": [learned]}))
-    assert started(path, machine)[0] == algorithm
+    assert make_compensators(str(path), machine)[0] == algorithm
     for place in (("numbers", "zeta"), ("noise", 1)):
         for odd in (None, math.nan, -1e308):
             bad = with_value(learned, place, odd)
             path.write_text(json.dumps({"compensator": algorithm, "legs": [bad]}))
             name = next(key for key in reversed(place) if isinstance(key, str))
             with pytest.raises(HexsimError, match=f"leg 1.*{name}"):
-                started(path, machine)
+                make_compensators(str(path), machine)
             with pytest.raises(HexsimError, match=f"leg 1.*{name}"):
-                AskedCompensators(machine).take(AskedCompensator(leg=1, n_legs=1, name=algorithm, parameters=bad))
+                AskedCompensators(machine).take(
+                    compensator_packet.AskedCompensator(leg=1, n_legs=1, name=algorithm, parameters=bad)
+                )
 
 
 class Fixed(Compensator):
@@ -174,15 +181,15 @@ def guarded(volts_V: float = 0.0, held: float = 0.0) -> Compensator:
 def test_a_number_that_is_not_finite_anywhere_in_a_state_ends_compensation(held) -> None:
     """A state with one such number, whose volts are finite: none are added, and it is said."""
     volts, said = stepped(guarded(0.05, held), 200)
-    assert max(map(abs, volts)) == 0.0 and said[0] == SENTENCES[NOT_FINITE]
+    assert max(map(abs, volts)) == 0.0 and said[0] == guard.SENTENCES[guard.NOT_FINITE]
 
 
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf])
 def test_an_odd_number_is_seen_wherever_it_stands(odd) -> None:
     """In lists of numbers, of lists and of other things; large finite numbers, whose sum is not, are finite."""
     held = ([0.5, odd, 1.0], [1, odd], [[1.0], [2.0, odd]], (odd, -odd), [0.0, None, odd], [np.float64(1.0), odd])
-    assert not any(all_finite(each) for each in held)
-    assert all(all_finite(each) for each in ([1e308, 1e308], [], [0.5, None, "text"], [0.5, 10**400]))
+    assert not any(compensator.all_finite(each) for each in held)
+    assert all(compensator.all_finite(each) for each in ([1e308, 1e308], [], [0.5, None, "text"], [0.5, 10**400]))
 
 
 def test_a_spoilt_state_leaves_finite_and_explained_volts(learned) -> None:
@@ -192,10 +199,12 @@ def test_a_spoilt_state_leaves_finite_and_explained_volts(learned) -> None:
     state: Any = run(made, duration_s=6.0, state=made.restore(CONTEXT, learned)).state
     engaged = state.inner.states.copy()
     wanted = 0.1 + 0.05 * np.sin(2e-3 * math.pi * np.arange(40))
-    most = lead_gain(60.0, 0.7) * (EDGE_MARGIN * CONTEXT.edge_V + GAIN_MARGIN / CONTEXT.velocity_gain_m_s_V * 0.16)
+    most = volts_bound.lead_gain(60.0, 0.7) * (
+        volts_bound.EDGE_MARGIN * CONTEXT.edge_V + volts_bound.GAIN_MARGIN / CONTEXT.velocity_gain_m_s_V * 0.16
+    )
     first = engaged.dtype.fields["numbers"][1] // 8
     mass = first + list(learned["numbers"]).index("mass")
-    doubles = [place for place, kind in enumerate(kinds(engaged.dtype)) if kind == "f8"]
+    doubles = [place for place, kind in enumerate(records.kinds(engaged.dtype)) if kind == "f8"]
     for place in (*range(first, first + len(learned["numbers"])), *doubles[::997]):
         state, said = made.restore(CONTEXT, learned), set()
         state.inner.states[:] = engaged
@@ -208,17 +217,17 @@ def test_a_spoilt_state_leaves_finite_and_explained_volts(learned) -> None:
             added, state = made.step(state, asked)
             said.add(made.status(state))
             assert math.isfinite(added) and abs(added) <= most, place
-        assert place != mass or SENTENCES[NOT_FINITE] in said
+        assert place != mass or guard.SENTENCES[guard.NOT_FINITE] in said
 
 
 def test_no_more_than_the_declared_valve_explains() -> None:
     """An algorithm that asks for 10 V at rest: no tick more than the lead allows, the spool that the volts move within four times
     70 mV, after 50 ms plain control with a reason. 0.2 V, within it, pass as they are, for ever."""
     volts, said = stepped(guarded(10.0), 400)
-    most = EDGE_MARGIN * CONTEXT.edge_V
-    assert max(volts) <= most * lead_gain(60.0, 0.7) + 1e-12
+    most = volts_bound.EDGE_MARGIN * CONTEXT.edge_V
+    assert max(volts) <= most * volts_bound.lead_gain(60.0, 0.7) + 1e-12
     assert max(volts[3:]) <= most + 1e-12  # once the spool is there
-    assert np.all(np.array(volts[45:270]) == 0.0) and SENTENCES[BEYOND] in said
+    assert np.all(np.array(volts[45:270]) == 0.0) and guard.SENTENCES[guard.BEYOND] in said
     volts, said = stepped(guarded(0.2), 400)
     assert volts == [0.2] * 400 and not any(said)
 
@@ -226,7 +235,7 @@ def test_no_more_than_the_declared_valve_explains() -> None:
 def test_the_bound_of_the_volts_by_hand() -> None:
     """45 mV of overlap, 5 of rounding, 10 of hysteresis, -20 of null, 1.5 mm/s of leak and 10 um of oil in 3 ms through 0.15 m/s/V:
     e = 80 + 10 + 22.2 mV. A setpoint at 0.1 m/s adds twice its volts."""
-    e = edge_V(0.045, 5e-3, 1e-2, -2e-2, 1.5e-3, 1e5, 1e-10, 0.15)
+    e = volts_bound.edge_V(0.045, 5e-3, 1e-2, -2e-2, 1.5e-3, 1e5, 1e-10, 0.15)
     assert e == pytest.approx(0.08 + 0.01 + 1e-5 / 3e-3 / 0.15)
     made, state = guarded(9.0), None
     state = made.start(CONTEXT)
@@ -234,7 +243,7 @@ def test_the_bound_of_the_volts_by_hand() -> None:
         added, state = made.step(
             state, sample(0.1 + 2e-4 * k, position_m=0.1 + 1e-6 * (k % 2), pressure_bottom_Pa=3.3e6 + k % 2)
         )
-    assert added == pytest.approx(EDGE_MARGIN * 0.07 + GAIN_MARGIN * 0.1 / 0.15, rel=1e-6)
+    assert added == pytest.approx(volts_bound.EDGE_MARGIN * 0.07 + volts_bound.GAIN_MARGIN * 0.1 / 0.15, rel=1e-6)
 
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -260,7 +269,9 @@ def test_any_start_parameters_and_any_samples_leave_bounded_volts(learned, data)
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     absurd = data.draw(st.lists(NUMBERS, min_size=1, max_size=4))
     share = data.draw(st.sampled_from([0.0, 0.01, 0.3]))
-    most = lead_gain(60.0, 0.7) * (EDGE_MARGIN * CONTEXT.edge_V + GAIN_MARGIN / CONTEXT.velocity_gain_m_s_V * 0.32)
+    most = volts_bound.lead_gain(60.0, 0.7) * (
+        volts_bound.EDGE_MARGIN * CONTEXT.edge_V + volts_bound.GAIN_MARGIN / CONTEXT.velocity_gain_m_s_V * 0.32
+    )
     t = 0.002 * np.arange(400)
     wanted = 0.1 + 0.05 * np.sin(2 * math.pi * t)  # at most 0.314 m/s
     for k in range(380):

@@ -16,13 +16,11 @@ import pytest
 from typer.testing import CliRunner
 
 import compensation
-from compensation import Context, Sample
-from compensation.legs import tell
-from compensation.native import native as described
+from compensation import Context, Sample, native
+from compensation import legs as compensator_legs
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
-from hexsim.export.compensator import export_compensator, header, learned_of
-from hexsim.scenarios import load_scenario
+from hexsim.export import compensator
 from hexsim.simulation import simulate
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the library is built and loaded on Linux")
@@ -33,7 +31,7 @@ CONTEXT = Context()
 def exported(tmp_path_factory) -> Path:
     """Folder of the export for this system; the library linked by zig."""
     pytest.importorskip("ziglang", reason="the library is linked by the wheel `ziglang`: pip install hexsim[fmu]")
-    export_compensator("adaptive", "x86_64-linux", out := tmp_path_factory.mktemp("adaptive"), CONTEXT)
+    compensator.export_compensator("adaptive", "x86_64-linux", out := tmp_path_factory.mktemp("adaptive"), CONTEXT)
     return out
 
 
@@ -106,7 +104,7 @@ def drive(made, states: list, rows: Sequence[list[Sample]] | Iterator[list[Sampl
     for row in rows:
         stepped = [made.step(state, sample) for state, sample in zip(states, row, strict=True)]
         volts, states = [added for added, _ in stepped], [state for _, state in stepped]
-        tell([made] * len(states), states, all_legs[0], all_legs)
+        compensator_legs.tell([made] * len(states), states, all_legs[0], all_legs)
         found.append((volts, [made.status(state) for state in states]))
         for leg, added, sample in zip(legs, volts, row, strict=False):
             leg.move(added + sample.control_V)
@@ -237,7 +235,7 @@ FUNCTIONS = {
 def test_the_windows_library_has_the_functions_and_needs_windows_alone(tmp_path):
     """The DLL: 64 bit, exports the header's functions, imports from kernel32 and the C runtime only."""
     pefile = pytest.importorskip("pefile")
-    written = export_compensator("adaptive", "x86_64-windows", tmp_path, CONTEXT)
+    written = compensator.export_compensator("adaptive", "x86_64-windows", tmp_path, CONTEXT)
     assert {path.name for path in written} >= {"hexsim_adaptive.dll", "hexsim_adaptive.o", "hexsim_adaptive.h"}
     dll = pefile.PE(str(tmp_path / "hexsim_adaptive.dll"))
     assert dll.FILE_HEADER.Machine == 0x8664
@@ -258,7 +256,7 @@ def test_the_windows_library_has_the_functions_and_needs_windows_alone(tmp_path)
 @pytest.mark.slow
 def test_the_arm_library_is_for_arm(tmp_path):
     """The library for aarch64: an ELF file of that machine, with the header's functions in its table of names."""
-    export_compensator("adaptive", "aarch64-linux", tmp_path, CONTEXT)
+    compensator.export_compensator("adaptive", "aarch64-linux", tmp_path, CONTEXT)
     content = (tmp_path / "libhexsim_adaptive.so").read_bytes()
     assert content[:5] == b"\x7fELF\x02" and int.from_bytes(content[18:20], "little") == 183  # EM_AARCH64
     assert all(function.encode() + b"\0" in content for function in FUNCTIONS)
@@ -269,7 +267,7 @@ REFUSED = [("stroke_m", math.nan), ("tick_s", 0.0), ("area_bottom_m2", 0.0), ("l
 
 def test_settings_that_no_machine_has_are_refused(exported):
     """init says which number: not finite, not above zero, or more than the state has room for."""
-    dll, made = ctypes.CDLL(str(exported / "libhexsim_adaptive.so")), described("adaptive")
+    dll, made = ctypes.CDLL(str(exported / "libhexsim_adaptive.so")), native.native("adaptive")
     call = {each: getattr(dll, f"hexsim_adaptive_{each}") for each in ("init", "state_size")}
     state, good = np.zeros(call["state_size"]()), made.settings_of(made.algorithm(), CONTEXT).view(np.float64)
     for setting, value in REFUSED:
@@ -284,24 +282,24 @@ def test_learned_numbers_go_into_the_header():
     made = compensation.create("adaptive")
     parameters = made.parameters(made.start(CONTEXT))
     parameters["numbers"]["mass"] = 54321.5
-    text = header("adaptive", CONTEXT, parameters)
+    text = compensator.header("adaptive", CONTEXT, parameters)
     array = re.search(r"hexsim_adaptive_learned\[\d+\] = \{([^}]*)\}", text)
     names = re.search(r"Places in `parameters`. \*/\nenum \{([^}]*)\}", text)
     assert array and names
     numbers, places = ([part.strip() for part in found[1].split(",")] for found in (array, names))
-    assert len(numbers) == len(places) == described("adaptive").learned.itemsize // 8
+    assert len(numbers) == len(places) == native.native("adaptive").learned.itemsize // 8
     assert float(numbers[places.index("HEXSIM_ADAPTIVE_LEARNED_NUMBERS_MASS")]) == 54321.5
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path):
     """Another compensator, another target, a learned.json that is none, a library that is none: one sentence each."""
     with pytest.raises(HexsimError, match="'buffered' cannot be exported as native code"):
-        export_compensator("buffered", "x86_64-linux", tmp_path, CONTEXT)
+        compensator.export_compensator("buffered", "x86_64-linux", tmp_path, CONTEXT)
     with pytest.raises(HexsimError, match="target 'vax' is unknown"):
-        export_compensator("adaptive", "vax", tmp_path, CONTEXT)
+        compensator.export_compensator("adaptive", "vax", tmp_path, CONTEXT)
     with pytest.raises(HexsimError, match="holds no parameters of `adaptive` for leg 1"):
         (tmp_path / "learned.json").write_text('{"legs": [{"numbers": {"ln_spool": 4.0}}]}')
-        learned_of("adaptive", tmp_path / "learned.json", 1)
+        compensator.learned_of("adaptive", tmp_path / "learned.json", 1)
     (tmp_path / "learned.json").write_text('{"legs": []}')
     arguments = [
         "export",

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
-from hexsim.hydraulics.chamber import VAPOUR
+from hexsim.hydraulics import chamber
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.machine.files import changed, machine_tables
-from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals, platform_signals
-from hexsim.signals.table import kind_of
+from hexsim.plant import Plant, readout
+from hexsim.signals import table as signal_table
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
 fmpy = pytest.importorskip("fmpy", reason="FMPy runs the FMU: pip install hexsim[fmu]")
@@ -26,7 +25,8 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi2 import FMU2Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
-from hexsim.export import export_fmu, toolchain  # noqa: E402
+from hexsim import export  # noqa: E402
+from hexsim.export import toolchain  # noqa: E402
 from hexsim.export.variables import variables_of  # noqa: E402
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
@@ -102,11 +102,11 @@ def by_plant(machine, model: str, volts: np.ndarray, timestep: float | None) -> 
         plant.tick(command)
     r = plant.record
     time = np.arange(len(volts)) * STEP
-    legs = leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
+    legs = readout.leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
     top = [legs.pressure_top] if machine.cylinder.rod_side != "supply" else []
     found = [legs.position, legs.velocity, legs.pressure_bottom, *top, legs.supply_Pa[:, None]]
     if machine.is_hexapod:
-        platform = platform_signals(plant, r.qpos, r.qvel, r.qacc)
+        platform = readout.platform_signals(plant, r.qpos, r.qvel, r.qacc)
         found += [platform.pose, platform.acceleration, platform.angular_acceleration]
     else:
         found += [r.qacc]
@@ -116,7 +116,7 @@ def by_plant(machine, model: str, volts: np.ndarray, timestep: float | None) -> 
 def worst_difference(names: list[str], found: np.ndarray, wanted: np.ndarray) -> float:
     """Of all signals, over the largest value of the signal in any leg or along any axis."""
     assert found.shape == wanted.shape
-    kinds = np.array([kind_of(name) for name in names])
+    kinds = np.array([signal_table.kind_of(name) for name in names])
     sizes = np.array([np.abs(wanted[:, kinds == kind]).max() for kind in kinds])
     assert (sizes > 1e-3).all()
     return float((np.abs(found - wanted) / sizes).max())
@@ -152,7 +152,7 @@ def fmus(tmp_path_factory):
             folder = tmp_path_factory.mktemp(name)
             source, model, changes, step = MACHINES[name]
             machine = changed(load_machine(source), changes)
-            export_fmu(machine, folder / "machine.fmu", model=model, timestep=step)
+            export.export_fmu(machine, folder / "machine.fmu", model=model, timestep=step)
             made[name] = folder / "machine.fmu", Fmu(folder / "machine.fmu", folder / "unpacked")
         return made[name]
 
@@ -189,7 +189,7 @@ def test_a_chamber_that_cavitates_is_that_of_the_plant(fmus):
     _, fmu = fmus("bench")
     found, wanted = fmu.run(fmu.instance(), volts), by_plant(load_machine("bench"), "full", volts, 1e-4)
     bottom = fmu.outputs.index("pressure_bottom_Pa")
-    assert found[:, bottom].min() == VAPOUR
+    assert found[:, bottom].min() == chamber.VAPOUR
     assert worst_difference(fmu.outputs, found, wanted) < SAME
 
 
@@ -221,7 +221,7 @@ def test_own_joints_and_legs_that_differ_are_those_of_the_plant(own_legs, change
     """Volts in: every output is that of `Plant` within 1e-7, rounding of two ways to step tendons; a parameter of the
     machine leaves alone the leg that has its own, as in machine.toml."""
     path = tmp_path / "own.fmu"
-    export_fmu(own_legs, path, model="tendon", timestep=1e-4)
+    export.export_fmu(own_legs, path, model="tendon", timestep=1e-4)
     fmu, volts = Fmu(path, tmp_path / "unpacked"), volts_of(6)
     found, wanted = fmu.run(fmu.instance(changes), volts), by_plant(changed(own_legs, changes), "tendon", volts, 1e-4)
     assert np.ptp(wanted[:, 2]) > 1e-3
@@ -479,5 +479,5 @@ def test_without_the_compiler_the_sentence_says_what_to_install(bench, tmp_path,
     """The wheel `ziglang` is an extra."""
     monkeypatch.setattr(toolchain.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(HexsimError, match=r"pip install hexsim\[fmu\]"):
-        export_fmu(bench, tmp_path / "no.fmu")
+        export.export_fmu(bench, tmp_path / "no.fmu")
     assert list(tmp_path.iterdir()) == []

@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from compensation import create
-from compensation.compensator import MEASURED_TICKS
+from compensation import compensator, create
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.motion_computer import leg_load
 from hexsim.motion_computer.data_sheet import compensator_context
-from hexsim.motion_computer.leg_load import SLOPE, SPAN, ExpectedLoad, PoseLoad
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
@@ -26,7 +24,8 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi2 import FMU2Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
-from hexsim.export import export_fmu, native  # noqa: E402
+from hexsim import export  # noqa: E402
+from hexsim.export import native  # noqa: E402
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
 TICK = 0.002
@@ -53,7 +52,7 @@ def test_it_is_a_run_without_noise(name, tmp_path):
     source, changes = CASES[name]
     machine = changed(load_machine(source), SILENT | changes | {"sensors.position_resolution_m": 0.0})
     path, n = tmp_path / "machine.fmu", machine.n_legs
-    export_fmu(machine, path, what="machine", model="tendon", timestep=STEP)
+    export.export_fmu(machine, path, what="machine", model="tendon", timestep=STEP)
     assert validate_fmu(str(path)) == []
     scenario = replace(load_scenario("combined" if machine.is_hexapod else "heave"), duration_s=0.6, fade_s=0.2)
     log = simulate(machine, scenario, fast=True, timestep=STEP).log
@@ -147,7 +146,7 @@ def test_states_steps_and_sensors_of_a_motion_computer(bench, tmp_path):
     """A state kept in mid-motion goes on to the bit, the controllers' memory with it; half a tick is refused; so is a
     machine whose sensor is late."""
     path = tmp_path / "machine.fmu"
-    export_fmu(changed(bench, {"controller.integral_time_s": 1.0}), path, what="machine")
+    export.export_fmu(changed(bench, {"controller.integral_time_s": 1.0}), path, what="machine")
     fmu = Slave(path, tmp_path / "unpacked")
     start = float(fmu.variables["setpoint_m"].start)
     inputs = start + 0.02 * np.sin(0.1 * np.arange(60))[:, None]
@@ -162,25 +161,25 @@ def test_states_steps_and_sensors_of_a_motion_computer(bench, tmp_path):
         fmu.fmu.doStep(1.0, 0.5 * TICK)
     late = changed(bench, {"effects.position_delay.delay_s": 0.002})
     with pytest.raises(HexsimError, match="late or filtered"):
-        export_fmu(late, path, what="machine")
+        export.export_fmu(late, path, what="machine")
 
 
 def test_the_compensators_inside_feel_all_legs():
     """A hexapod's legs about neutral, 30 ticks of random motion and pressures: forces and speeds of five ticks ago, mobility and load
     of the pose are those of `PoseLoad` within 1e-12 of the largest, in SI, from the first tick on."""
     plant = Plant(load_machine("servo_hexapod"), model="tendon")
-    n, load = plant.n_legs, ExpectedLoad.of(plant.resolved)
+    n, load = plant.n_legs, leg_load.ExpectedLoad.of(plant.resolved)
     context = compensator_context(plant.machine, None, 1, load)
-    rng, watch, by_pose = np.random.default_rng(0), native.watch_legs(plant), PoseLoad.of(plant.resolved, load)
+    rng, watch, by_pose = np.random.default_rng(0), native.watch_legs(plant), leg_load.PoseLoad.of(plant.resolved, load)
     places = load.neutral + 0.02 * np.cumsum(rng.normal(0.0, 0.1, (30, n)), axis=0)
     bottom, top, supply = rng.uniform(2e6, 4e6, (30, n)), rng.uniform(2e6, 4e6, (30, n)), np.array([7e6])
-    seen, found = np.zeros((SPAN, 2, n)), [np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)]
+    seen, found = np.zeros((leg_load.SPAN, 2, n)), [np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)]
     forces = bottom * context.area_bottom_m2 - (top if context.four_way else supply) * context.area_top_m2
     for k in range(30):
         arrays = (places[k].copy(), bottom[k].copy(), top[k].copy(), supply, seen, *found)
         watch.ctypes(*(one.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for one in arrays), float(k == 0))
-        past = [max(k - SPAN + 1 + i, 0) for i in range(SPAN)]
-        speeds, then = SLOPE @ places[past] / TICK, past[MEASURED_TICKS]
+        past = [max(k - leg_load.SPAN + 1 + i, 0) for i in range(leg_load.SPAN)]
+        speeds, then = leg_load.SLOPE @ places[past] / TICK, past[compensator.MEASURED_TICKS]
         wanted = (*by_pose.at(places[then], speeds), forces[then], speeds)
         for ours, theirs in zip(found, wanted, strict=True):
             assert np.abs(ours - theirs).max() <= 1e-12 * max(np.abs(theirs).max(), 1.0)

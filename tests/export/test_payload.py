@@ -11,13 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario, scenario_from_dict
+from hexsim.scenarios import scenario_from_dict
 from hexsim.scenarios.settings import apply_settings
-from hexsim.simulation import simulate
-from hexsim.simulation.payload_fmu import PayloadFmu, parse_connections
+from hexsim.simulation import payload_fmu, simulate
 
 pytest.importorskip("ziglang", reason="the test compiles an FMU: pip install hexsim[fmu]")
 fmpy = pytest.importorskip("fmpy", reason="FMPy runs the FMU: pip install hexsim[fmu]")
@@ -117,8 +116,8 @@ def heave(machine, interventions=()):
 
 def test_a_spring_as_fmu_is_the_spring_of_the_library(spring, bench):
     """The piston's path with the FMU against that with the effect: what a late tick leaves is below 2 % of the effect."""
-    connected = parse_connections(["position_m=place", f"force_N=pull*{STIFFNESS}"])
-    payload = PayloadFmu(spring, connected, has_platform=False, allow_native=True)
+    connected = payload_fmu.parse_connections(["position_m=place", f"force_N=pull*{STIFFNESS}"])
+    payload = payload_fmu.PayloadFmu(spring, connected, has_platform=False, allow_native=True)
     preload = 0.5 * bench.cylinder.stroke_m * STIFFNESS  # the library's spring rests at half stroke
     with_effect = changed(bench, {"effects.spring.stiffness_N_m": STIFFNESS})
     held = changed(bench, {"effects.constant_force.force_N": preload})
@@ -132,8 +131,8 @@ def test_a_spring_as_fmu_is_the_spring_of_the_library(spring, bench):
 
 def test_a_payload_on_a_platform_pushes_where_it_should(spring, hexapod):
     """A force along x at the platform's origin from an FMU whose input is height: the legs' forces change by its share."""
-    connected = parse_connections(["platform_z_m=place", "force_x_N=pull*1e4", "moment_z_N_m=pull*1e4"])
-    payload = PayloadFmu(spring, connected, has_platform=True, allow_native=True)
+    connected = payload_fmu.parse_connections(["platform_z_m=place", "force_x_N=pull*1e4", "moment_z_N_m=pull*1e4"])
+    payload = payload_fmu.PayloadFmu(spring, connected, has_platform=True, allow_native=True)
     scenario = replace(load_scenario("heave"), duration_s=1.0)
     found = simulate(hexapod, scenario, fast=True, interventions=[payload]).log
     without = simulate(hexapod, scenario, fast=True).log
@@ -148,22 +147,29 @@ def test_what_is_not_connected_is_said(spring, tmp_path):
     with pytest.raises(
         HexsimError, match="gives none of force_N: name an output for it with --connect, as force_N=theirs"
     ):
-        PayloadFmu(spring, {}, has_platform=False, allow_native=True)
+        payload_fmu.PayloadFmu(spring, {}, has_platform=False, allow_native=True)
     with pytest.raises(HexsimError, match=r"spring\.fmu: there is no push; there are place, pull"):
-        PayloadFmu(spring, parse_connections(["force_N=push"]), has_platform=False, allow_native=True)
+        payload_fmu.PayloadFmu(
+            spring, payload_fmu.parse_connections(["force_N=push"]), has_platform=False, allow_native=True
+        )
     with pytest.raises(HexsimError, match="there is no force_x_N; there are position_m, velocity_m_s"):
-        PayloadFmu(spring, parse_connections(["force_x_N=pull"]), has_platform=False, allow_native=True)
+        payload_fmu.PayloadFmu(
+            spring, payload_fmu.parse_connections(["force_x_N=pull"]), has_platform=False, allow_native=True
+        )
     with pytest.raises(HexsimError, match=r"'force_N' is not OURS=THEIRS"):
-        parse_connections(["force_N"])
+        payload_fmu.parse_connections(["force_N"])
     (tmp_path / "no.fmu").write_text("no")
     with pytest.raises(HexsimError, match=r"payload no\.fmu fails while it is unpacked: BadZipFile"):
-        PayloadFmu(tmp_path / "no.fmu", {}, has_platform=False, allow_native=True)
+        payload_fmu.PayloadFmu(tmp_path / "no.fmu", {}, has_platform=False, allow_native=True)
 
 
 def test_a_payload_that_fails_at_once_is_a_sentence(spring, bench):
     """Before anything was simulated there is no log to keep."""
-    payload = PayloadFmu(
-        spring, parse_connections(["position_m=place*1e6", "force_N=pull"]), has_platform=False, allow_native=True
+    payload = payload_fmu.PayloadFmu(
+        spring,
+        payload_fmu.parse_connections(["position_m=place*1e6", "force_N=pull"]),
+        has_platform=False,
+        allow_native=True,
     )
     with pytest.raises(HexsimError, match=r"payload spring\.fmu fails while it steps from 0 s: "):
         heave(bench, [payload])
@@ -172,10 +178,12 @@ def test_a_payload_that_fails_at_once_is_a_sentence(spring, bench):
 def test_a_payload_that_fails_ends_the_run_with_its_log(spring, bench):
     """An FMU that returns an error: the run is incomplete and says which payload."""
     factor = 10 / (bench.cylinder.stroke_m / 2 + 0.03)  # it fails where its input passes 10
-    connected = parse_connections([f"position_m=place*{factor}", "force_N=pull*1e-6"])
+    connected = payload_fmu.parse_connections([f"position_m=place*{factor}", "force_N=pull*1e-6"])
     scenario = replace(load_scenario("heave"), duration_s=3.0)
     run = simulate(
-        bench, scenario, interventions=[PayloadFmu(spring, connected, has_platform=False, allow_native=True)]
+        bench,
+        scenario,
+        interventions=[payload_fmu.PayloadFmu(spring, connected, has_platform=False, allow_native=True)],
     )
     assert not run.complete
     assert run.log.height > 100
@@ -216,7 +224,7 @@ def test_native_code_runs_only_when_it_is_allowed(spring, tmp_path, monkeypatch)
         monkeypatch.undo()
 
     refused(lambda: scenario_from_dict(tables))
-    refused(lambda: PayloadFmu(spring, {}, has_platform=False))
+    refused(lambda: payload_fmu.PayloadFmu(spring, {}, has_platform=False))
     refused(lambda: apply_settings(load_scenario("heave"), load_machine("bench"), {"scenario.axes.z": table}))
     with pytest.raises(HexsimError, match="allow_native is not a known key"):
         scenario_from_dict(tables | {"axes": {"z": table | {"allow_native": True}}})
@@ -256,7 +264,9 @@ def test_what_an_fmu_does_to_itself_stays_its_own(bad, kind, late, tmp_path, mon
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setenv("BAD_KIND", kind)
     monkeypatch.setenv("BAD_FROM", "0.25" if late else "0")
-    payload = PayloadFmu(bad, parse_connections(["force_N=pull"]), has_platform=False, allow_native=True)
+    payload = payload_fmu.PayloadFmu(
+        bad, payload_fmu.parse_connections(["force_N=pull"]), has_platform=False, allow_native=True
+    )
     process = payload._fmu._process
     scenario = replace(load_scenario("heave"), duration_s=0.5)
     if late:

@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 import hexsim as hx
+from hexsim import export
 from hexsim.cli import app
-from hexsim.export import export_plugin
-from hexsim.export.plugin import NAME, machine_xml
+from hexsim.export import plugin
 from hexsim.plant import Plant
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
@@ -45,7 +45,7 @@ np.save(out, np.vstack([places, np.full(model.nu, at_home)]))
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The bench's plugin for this system: the compiler makes the C library of another one at its first use, which takes a minute."""
-    export_plugin(hx.load_machine("bench"), out := tmp_path_factory.mktemp("plugin"), systems=["linux64"])
+    export.export_plugin(hx.load_machine("bench"), out := tmp_path_factory.mktemp("plugin"), systems=["linux64"])
     return out
 
 
@@ -108,7 +108,7 @@ def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
     told = (
         run.log.select([f"true_position{leg}_m" for leg in legs]).to_numpy() - run.machine.mechanics.neutral_positions
     )
-    xml = machine_xml(Plant(run.machine, timestep=STEP_s))
+    xml = plugin.machine_xml(Plant(run.machine, timestep=STEP_s))
     places, at_home = driven(folder, xml, volts, tmp_path, "shut" if name.startswith("servo") else "home")
     assert np.ptp(told) > 0.05 and np.abs(places - told).max() < 1e-9
     assert at_home < 1e-3
@@ -117,7 +117,7 @@ def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
 def test_a_servo_valves_home_has_the_volts_that_hold_it(folder, tmp_path):
     """servo_bench, whose valve leaks at null: with the keyframe's volts no rate at home, and the piston stays within 1e-9 m for
     half a second; with none, as `Plant` begins, it creeps by 0.1 mm."""
-    xml = machine_xml(Plant(hx.load_machine("servo_bench"), timestep=STEP_s))
+    xml = plugin.machine_xml(Plant(hx.load_machine("servo_bench"), timestep=STEP_s))
     key = ET.fromstring(xml).find("keyframe/key")
     assert key is not None
     volts = np.full((500, 1), float(key.get("ctrl", "0")))
@@ -168,7 +168,7 @@ def test_what_a_leg_cannot_hold_is_refused(tmp_path):
         (hx.load_machine("bench"), 1.0, "1e-6 to 1e-3 is possible"),
     ):
         with pytest.raises(hx.HexsimError, match=sentence):
-            export_plugin(machine, tmp_path / "out", step)
+            export.export_plugin(machine, tmp_path / "out", step)
     assert not (tmp_path / "out").exists()
 
 
@@ -181,7 +181,7 @@ def test_the_windows_library_needs_windows_alone(written):
     assert all(name == "kernel32.dll" or name.startswith(("api-ms-win-crt", "msvcrt", "ucrtbase")) for name in names), (
         names
     )
-    assert NAME.encode() in (written / "libhexsim_leg.so").read_bytes()
+    assert plugin.NAME.encode() in (written / "libhexsim_leg.so").read_bytes()
 
 
 @pytest.mark.slow

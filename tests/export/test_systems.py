@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.plant import Plant
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
@@ -16,7 +16,8 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
-from hexsim.export import export_fmu, mujoco_library  # noqa: E402
+from hexsim import export  # noqa: E402
+from hexsim.export import mujoco_library  # noqa: E402
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
 STEP = 0.002  # [s] communication step
@@ -26,7 +27,7 @@ VOLTS = 0.8 * np.sin(2 * np.pi * 4 * STEP * np.arange(60))
 @pytest.fixture(scope="module")
 def path(bench, tmp_path_factory) -> Path:
     """The bench by FMI 3.0."""
-    export_fmu(bench, out := tmp_path_factory.mktemp("fmi3") / "bench.fmu", fmi=3)
+    export.export_fmu(bench, out := tmp_path_factory.mktemp("fmi3") / "bench.fmu", fmi=3)
     return out
 
 
@@ -140,7 +141,7 @@ def test_two_systems_in_one_file_below_5_MB(bench, tmp_path):
         windows = mujoco_library.windows_library()
     except HexsimError as error:
         pytest.skip(f"mujoco.dll is not to be had here: {error}")
-    export_fmu(bench, path := tmp_path / "bench.fmu", fmi=3, windows=windows)
+    export.export_fmu(bench, path := tmp_path / "bench.fmu", fmi=3, windows=windows)
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
         ours = pefile.PE(data=archive.read("binaries/x86_64-windows/hexsim_bench.dll"))

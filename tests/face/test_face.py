@@ -14,7 +14,7 @@ import pytest
 
 import hexsim as hx
 from compensation import create
-from hexsim.identification.record import Round, Story
+from hexsim.identification import record
 from hexsim.machine import load_machine
 
 ROOT = Path(__file__).parents[2]
@@ -222,9 +222,11 @@ def test_an_identification_is_its_story(monkeypatch, tmp_path):
     def told(machine, address, minutes, out, show, **options):
         asked.update(address=address, minutes=minutes, machine=load_machine(machine), **options)
         rounds = [
-            Round(number=1, purpose="rich", log="round_1", verdict="explained", sentences=(), effects=[], error={})
+            record.Round(
+                number=1, purpose="rich", log="round_1", verdict="explained", sentences=(), effects=[], error={}
+            )
         ]
-        return Story(machine=load_machine("bench"), folder=out, rounds=rounds, ended="nothing is left")
+        return record.Story(machine=load_machine("bench"), folder=out, rounds=rounds, ended="nothing is left")
 
     monkeypatch.setattr("hexsim.identification.identify", told)
     changed = hx.load_machine("bench").with_({"load.moving_mass_kg": 50.0})

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import hexsim as hx
-from hexsim.motion_computer.loop_model import loops
+from hexsim.motion_computer import loop_model
 from hexsim.plant import Plant
-from hexsim.plant.callbacks import MPa
 from hexsim.plant.states import A
 
 NO_DRY_FRICTION = {f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")}
+MPa = 1e6  # pressures inside MuJoCo
 STEPS = {"pressure": 1e3, "velocity": 1e-5, "spool": 1e-8}
 
 
@@ -112,7 +112,7 @@ def test_displaced_load_pulls_back_or_falls():
 def test_modes_of_a_bench_are_those_of_its_loop_model():
     """The poles of one leg, sampled, are those that stability margins are computed from."""
     model = hx.linearize("servo_bench")
-    sampled = next(loop for loop in loops(hx.load_machine("servo_bench")) if loop.extends)
+    sampled = next(loop for loop in loop_model.loops(hx.load_machine("servo_bench")) if loop.extends)
     poles = np.exp(model.poles * sampled.tick_s)
     assert np.sort(np.abs(poles)) == pytest.approx(np.sort(np.abs(np.linalg.eigvals(sampled.plant[0]))), rel=1e-6)
 

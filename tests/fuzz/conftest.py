@@ -2,8 +2,9 @@
 
 import pytest
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario, scenario_from_dict
+from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
 
 

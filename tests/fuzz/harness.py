@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis.strategies import SearchStrategy
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 
 LONGEST = timedelta(seconds=10)
 MOST_BYTES = 2 << 30

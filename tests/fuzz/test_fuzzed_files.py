@@ -1,15 +1,19 @@
 """Machine and scenario files, mutated, through the command line."""
 
+import json
 import tomllib
+from pathlib import Path
 
 from harness import MORE, command, fuzz, sandbox
 from hypothesis import strategies as st
 from mutations import as_toml, at_bounds, mutated, torn
+from typer.testing import CliRunner
 
-from hexsim.cli.schema import machine_schema
+import hexsim
+from hexsim.cli import app
 from hexsim.machine import models_folder
-from hexsim.scenarios.scenario import FOLDER
 
+SCENARIO_FILES = Path(hexsim.__file__).parent / "scenarios"
 BENCH = tomllib.loads((models_folder() / "bench" / "machine.toml").read_text())
 EFFECTS = {
     "null_offset": {"offset_V": 0.1},
@@ -18,7 +22,7 @@ EFFECTS = {
 }
 POWER_UNIT = tomllib.loads((models_folder() / "micro_motion_system" / "power_unit.toml").read_text())
 MACHINES = [BENCH, BENCH | {"effects": EFFECTS}, POWER_UNIT]
-SCENARIOS = [tomllib.loads(path.read_text()) for path in sorted(FOLDER.glob("*.toml"))]
+SCENARIOS = [tomllib.loads(path.read_text()) for path in sorted(SCENARIO_FILES.glob("*.toml"))]
 FAULTY = {"name": "faulty", "axes": {"z": {"kind": "sine", "amplitude": 0.02, "frequency_Hz": 1.0}}}
 FAULTS = [
     {"kind": "valve_stuck", "leg": 1, "time_s": 0.01, "at": "open"},
@@ -50,7 +54,7 @@ def test_machine_files(tmp_path, examples):
 
 def possible() -> dict[tuple[str, str], tuple[float, float]]:
     """(table, key) -> the range of the JSON schema."""
-    schema = machine_schema()
+    schema = json.loads(CliRunner().invoke(app, ["export", "schema", "machine"]).stdout)
     found = {}
     for table, place in schema["properties"].items():
         name = str(place.get("$ref") or place.get("anyOf", [{}])[0].get("$ref")).rsplit("/")[-1]

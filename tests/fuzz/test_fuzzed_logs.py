@@ -10,12 +10,11 @@ from harness import MORE, fuzz, refused, sandbox
 from hypothesis import strategies as st
 from mutations import as_toml, leaves, mutated, torn
 
+from hexsim import load_scenario, readers
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
-from hexsim.tracing.checks.checks import check_log
+from hexsim.tracing.checks import checks
 
 BENCH = load_machine("bench")
 MAPPING = tomllib.loads("""
@@ -50,7 +49,7 @@ def read_and_check(folder: Path, path: str, mapping: str | None) -> None:
     """The log with its checks, or one sentence."""
 
     def read() -> None:
-        check_log(read_log(folder / path, None if mapping is None else folder / mapping), BENCH)
+        checks.check_log(readers.read_log(folder / path, None if mapping is None else folder / mapping), BENCH)
 
     refused(read)
 

@@ -14,29 +14,25 @@ from harness import MORE, fuzz, refused
 from hypothesis import strategies as st
 from mutations import as_toml, mutated, numbers, texts, values
 
-from hexsim.cueing.protocols import FDM_BYTES, OUTSIM2_SIZES, PROTOCOLS, RREF_NAMES, RigSetpoint, VehicleMotion
-from hexsim.cueing.toml_protocol import PacketLayout, TomlProtocol, Type, protocol
-from hexsim.motion_computer.compensator_packet import AskedCompensator, Piece, Texts, in_pieces, unpack_piece
+from hexsim.cueing import protocols, toml_protocol
+from hexsim.motion_computer import compensator_packet, host_packet, states, telemetry
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_buffer import HostBuffer
-from hexsim.motion_computer.host_packet import LARGEST, HostCommand, Reply, unpack_command, unpack_reply
-from hexsim.motion_computer.states import State
-from hexsim.motion_computer.telemetry import Telemetry, unpack_telemetry, width
 
 SIX = (0.1,) * 6
 ODD = [math.nan, math.inf, -math.inf, 1e30, -1e30, 1e-40, 0.0]
 words = st.integers(0, 2**32 - 1)
 
 VEHICLE_PACKETS = {
-    "flightgear": [struct.pack(">I", version) + bytes(size - 4) for version, size in FDM_BYTES.items()],
+    "flightgear": [struct.pack(">I", version) + bytes(size - 4) for version, size in protocols.FDM_BYTES.items()],
     "xplane": [b"DATA*" + struct.pack("<i8f", 4, *SIX, 0, 0) + struct.pack("<i8f", 16, *SIX, 0, 0)],
     "xplane12": [b"DATA*" + struct.pack("<i8f", 4, *SIX, 0, 0) + struct.pack("<i8f", 16, *SIX, 0, 0)],
-    "xplane-rref": [b"RREF," + b"".join(struct.pack("<if", k, 0.1) for k in range(1, len(RREF_NAMES) + 1))],
-    "outsim": [bytes(64), bytes(68), *(b"LFST" + bytes(size - 4) for size in sorted(OUTSIM2_SIZES))],
+    "xplane-rref": [b"RREF," + b"".join(struct.pack("<if", k, 0.1) for k in range(1, len(protocols.RREF_NAMES) + 1))],
+    "outsim": [bytes(64), bytes(68), *(b"LFST" + bytes(size - 4) for size in sorted(protocols.OUTSIM2_SIZES))],
     "beamng": [b"BNG1" + struct.pack("<21f", *[0.1] * 21)],
 }
 VEHICLE_PACKETS |= {"jsbsim": VEHICLE_PACKETS["flightgear"], "lfs": VEHICLE_PACKETS["outsim"]}
-LAYOUT = PacketLayout.model_validate(
+LAYOUT = toml_protocol.PacketLayout.model_validate(
     {
         "bytes": 40,
         "fields": {
@@ -47,7 +43,7 @@ LAYOUT = PacketLayout.model_validate(
         },
     }
 )
-WIDE = PacketLayout.model_validate(
+WIDE = toml_protocol.PacketLayout.model_validate(
     {
         "bytes": 10,
         "starts_with": "4d4f",
@@ -71,10 +67,10 @@ BRIDGE_JSON = json.dumps(
         "ROTATION VELOCITY BODY Z": 0.1,
     }
 ).encode()
-COMMAND = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, command="start")
-MOVING = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, derivatives=(SIX, SIX))
-REPLY = Reply(
-    state=State.NORMAL,
+COMMAND = host_packet.HostCommand(sequence=1, time_s=0.5, setpoints=SIX, command="start")
+MOVING = host_packet.HostCommand(sequence=1, time_s=0.5, setpoints=SIX, derivatives=(SIX, SIX))
+REPLY = host_packet.Reply(
+    state=states.State.NORMAL,
     errors=Error.NONE,
     sequence=1,
     arrived=True,
@@ -85,21 +81,21 @@ REPLY = Reply(
     pose=SIX,
     reference=SIX,
 )
-ASKED = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"a": [1.0, None] * 200})
+ASKED = compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"a": [1.0, None] * 200})
 TELEMETRY = [
-    Telemetry(n_legs=n, sequence=1, time_s=0.0, rate_Hz=500.0, rows=np.full((m, width(n)), 0.1))
+    telemetry.Telemetry(n_legs=n, sequence=1, time_s=0.0, rate_Hz=500.0, rows=np.full((m, telemetry.width(n)), 0.1))
     for n, m in ((1, 1), (6, 4))
 ]
 DECODERS: dict[str, tuple[Callable[[bytes], Any], type, list[bytes]]] = {
-    "command": (unpack_command, HostCommand, [COMMAND.pack(), MOVING.pack()]),
-    "reply": (unpack_reply, Reply, [REPLY.pack()]),
-    "telemetry": (unpack_telemetry, Telemetry, [one.pack() for one in TELEMETRY]),
-    "compensator": (unpack_piece, Piece, ASKED.packets()),
-    "TOML": (TomlProtocol(LAYOUT), VehicleMotion, [bytes(40)]),
-    "TOML, 24 bit": (TomlProtocol(WIDE), VehicleMotion, [b"MO" + bytes(8)]),
-    "TOML, text": (protocol(str(EXAMPLES / "simtools.toml")), RigSetpoint, [LEGS_TEXT]),
-    "TOML, JSON": (protocol(str(EXAMPLES / "msfs.toml")), VehicleMotion, [BRIDGE_JSON]),
-    **{name: (PROTOCOLS[name], VehicleMotion, good) for name, good in VEHICLE_PACKETS.items()},
+    "command": (host_packet.unpack_command, host_packet.HostCommand, [COMMAND.pack(), MOVING.pack()]),
+    "reply": (host_packet.unpack_reply, host_packet.Reply, [REPLY.pack()]),
+    "telemetry": (telemetry.unpack_telemetry, telemetry.Telemetry, [one.pack() for one in TELEMETRY]),
+    "compensator": (compensator_packet.unpack_piece, compensator_packet.Piece, ASKED.packets()),
+    "TOML": (toml_protocol.TomlProtocol(LAYOUT), protocols.VehicleMotion, [bytes(40)]),
+    "TOML, 24 bit": (toml_protocol.TomlProtocol(WIDE), protocols.VehicleMotion, [b"MO" + bytes(8)]),
+    "TOML, text": (toml_protocol.protocol(str(EXAMPLES / "simtools.toml")), protocols.RigSetpoint, [LEGS_TEXT]),
+    "TOML, JSON": (toml_protocol.protocol(str(EXAMPLES / "msfs.toml")), protocols.VehicleMotion, [BRIDGE_JSON]),
+    **{name: (protocols.PROTOCOLS[name], protocols.VehicleMotion, good) for name, good in VEHICLE_PACKETS.items()},
 }
 
 
@@ -123,10 +119,10 @@ def damaged(draw, good: list[bytes]) -> bytes:
 
 def finite(decoded: Any) -> bool:
     """Whether every number that a decoder let through is finite (telemetry, and the poses of a reply: or not there)."""
-    if isinstance(decoded, Reply):
+    if isinstance(decoded, host_packet.Reply):
         poses = (*decoded.pose, *decoded.reference)
         return not np.isinf(poses).any() and finite((decoded.time_s, decoded.behind_s, decoded.age_s))
-    if isinstance(decoded, Telemetry):
+    if isinstance(decoded, telemetry.Telemetry):
         return not np.isinf(decoded.rows).any() and math.isfinite(decoded.time_s) and math.isfinite(decoded.rate_Hz)
     if isinstance(decoded, dict):
         return all(finite(one) for one in decoded.values())
@@ -169,9 +165,9 @@ def test_bodies_of_any_json(examples):
     body = st.one_of(tables.map(lambda table: json.dumps(table).encode()), raw, st.binary(max_size=60))
 
     def claim(text: bytes) -> None:
-        texts, found = Texts(), None
-        for data in in_pieces(1, 6, text):  # each piece of a text that is too long is refused
-            piece = unpack_piece(data)
+        texts, found = compensator_packet.Texts(), None
+        for data in compensator_packet.in_pieces(1, 6, text):  # each piece of a text that is too long is refused
+            piece = compensator_packet.unpack_piece(data)
             found = piece if isinstance(piece, str) else texts.add(piece)
         assert isinstance(found, str) or (found is not None and finite(found.parameters)) or not text
 
@@ -181,13 +177,16 @@ def test_bodies_of_any_json(examples):
 @MORE
 def test_pieces_in_any_order(examples):
     """Damaged pieces among those of two requests, in any order: no more than these two are put together, and nothing raises."""
-    good = [ASKED, AskedCompensator(leg=1, n_legs=1, name="none", parameters={"b": list(range(700))})]
+    good = [
+        ASKED,
+        compensator_packet.AskedCompensator(leg=1, n_legs=1, name="none", parameters={"b": list(range(700))}),
+    ]
     packets = [packet for one in good for packet in one.packets()]
 
     def claim(order: list[bytes]) -> None:
-        texts = Texts()
+        texts = compensator_packet.Texts()
         for data in order:
-            piece = unpack_piece(data)
+            piece = compensator_packet.unpack_piece(data)
             found = piece if isinstance(piece, str) else texts.add(piece)
             assert found is None or isinstance(found, str) or found in good
 
@@ -200,7 +199,7 @@ def test_layouts_of_any_content(tmp_path, examples):
     fields = {"time_s": {"type": "d", "offset": 0}, "up_m_s2": {"type": "f", "offset": 8, "factor": 2.0, "zero": 1.0}}
     kinds = [
         {"bytes": 40, "byte_order": "big", "fields": {**fields, "yaw_rad_s": {"type": kind, "offset": 12}}}
-        for kind in (*Type.__args__, "4s", "c", "", "P", "2f")
+        for kind in (*toml_protocol.Type.__args__, "4s", "c", "", "P", "2f")
     ]
     path = tmp_path / "mine.toml"
 
@@ -208,9 +207,9 @@ def test_layouts_of_any_content(tmp_path, examples):
         path.write_text(as_toml(tables), encoding="utf-8")
 
         def load() -> None:
-            decode = protocol(str(path))
+            decode = toml_protocol.protocol(str(path))
             for data in (b"", bytes(40), b"\xff" * 40, b"\x7f\xf0" * 20):
-                assert isinstance(decode(data), (str, VehicleMotion))
+                assert isinstance(decode(data), (str, protocols.VehicleMotion))
 
         refused(load)
 
@@ -218,15 +217,15 @@ def test_layouts_of_any_content(tmp_path, examples):
 
 
 @st.composite
-def traffic(draw) -> list[tuple[float, HostCommand]]:
+def traffic(draw) -> list[tuple[float, host_packet.HostCommand]]:
     """Commands with times and sequences that jump, stand still or run backwards, and when each arrives."""
     now, sent, sequence, out = 0.0, 0.0, draw(words), []
     for _ in range(draw(st.integers(1, 40))):
         now += draw(st.sampled_from([0.0, 1e-9, 0.002, 0.002, 0.5, 1.5]))
         sent += draw(st.sampled_from([0.002, 0.002, 0.0, -0.002, 1e-9, 0.9, 5.0, -1e9, 1e12]))
         sequence = (sequence + draw(st.sampled_from([1, 1, 1, 0, -1, 1000, 2**31]))) % 2**32
-        place = tuple(draw(st.floats(-LARGEST, LARGEST)) for _ in range(6))
-        out.append((now, HostCommand(sequence=sequence, time_s=sent, setpoints=place)))
+        place = tuple(draw(st.floats(-host_packet.LARGEST, host_packet.LARGEST)) for _ in range(6))
+        out.append((now, host_packet.HostCommand(sequence=sequence, time_s=sent, setpoints=place)))
     return out
 
 
@@ -234,7 +233,7 @@ def traffic(draw) -> list[tuple[float, HostCommand]]:
 def test_traffic_of_any_timing(examples):
     """Whatever comes when, the target, its velocity and its acceleration are finite."""
 
-    def claim(packets: list[tuple[float, HostCommand]]) -> None:
+    def claim(packets: list[tuple[float, host_packet.HostCommand]]) -> None:
         buffer = HostBuffer()
         for now, command in packets:
             buffer.add(command, now)
@@ -250,8 +249,8 @@ def test_commands_survive_the_way(examples):
     place = st.lists(numbers.map(float), min_size=6, max_size=6)
 
     def claim(six: list[float]) -> None:
-        command = HostCommand(sequence=3, time_s=1.0, setpoints=tuple(six), derivatives=(tuple(six), SIX))
-        found = unpack_command(command.pack())
-        assert found == command if all(abs(x) <= LARGEST for x in six) else isinstance(found, str)
+        command = host_packet.HostCommand(sequence=3, time_s=1.0, setpoints=tuple(six), derivatives=(tuple(six), SIX))
+        found = host_packet.unpack_command(command.pack())
+        assert found == command if all(abs(x) <= host_packet.LARGEST for x in six) else isinstance(found, str)
 
     fuzz(place, claim, examples)

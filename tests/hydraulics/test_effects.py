@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
+from hexsim.hydraulics import effects as effect_library
 from hexsim.hydraulics import leg
-from hexsim.hydraulics.effects import library
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.plant import Plant
 
 BENCH, HEXAPOD, FOUR_WAY = (load_machine(name) for name in ("bench", "micro_motion_system", "servo_bench"))
-NAMED = [name for name, effect in library().items() if effect.parameters]
+NAMED = [name for name, effect in effect_library.library().items() if effect.parameters]
 
 
 def machine_for(effect):
@@ -54,18 +54,18 @@ def values_of(effect, size):
 @pytest.mark.parametrize("name", NAMED)
 def test_an_effect_changes_the_machine(name):
     """At its typical size an effect changes at least one number that plant and tracing read."""
-    effect = library()[name]
+    effect = effect_library.library()[name]
     before = numbers(with_effect(machine_for(effect), None, {}))
     after = numbers(with_effect(machine_for(effect), name, values_of(effect, effect.parameters[0].typical)))
     assert len(before) != len(after) or np.any(before != after)
 
 
 @pytest.mark.parametrize(
-    "name", [n for n in NAMED if library()[n].parameters[0].neutral == 0.0 and n != "supply_droop"]
+    "name", [n for n in NAMED if effect_library.library()[n].parameters[0].neutral == 0.0 and n != "supply_droop"]
 )
 def test_an_effect_vanishes_at_its_neutral_size(name):
     """A size of zero leaves every number as declared, exactly. (A pump line has no zero: it is left out instead.)"""
-    effect = library()[name]
+    effect = effect_library.library()[name]
     shape_only = {  # a wave of no height may have a length, a flow of none a threshold
         "relief_flow": {P.RELIEF_OPENS},
         "null_warm_up": {P.NULL_WARM_UP_TIME},
@@ -83,7 +83,7 @@ def test_an_effect_vanishes_at_its_neutral_size(name):
 @pytest.mark.parametrize("name", NAMED)
 def test_bounds_hold(name):
     """A number beyond its bounds is refused with a sentence that names effect, number and bounds."""
-    effect = library()[name]
+    effect = effect_library.library()[name]
     parameter = effect.parameters[0]
     with pytest.raises(HexsimError, match=rf"{name}.*{parameter.name}.*must lie in"):
         with_effect(machine_for(effect), name, values_of(effect, parameter.bounds[1] * 1.01))
@@ -92,7 +92,7 @@ def test_bounds_hold(name):
 @pytest.mark.parametrize(("declared_cold", "start", "end"), [(0.0, 1.25, 1.0), (1.0, 1.0, 0.8)])
 def test_friction_warms_up_from_the_declared_one_or_to_it(declared_cold, start, end):
     """A quarter more than warm at the start: a declared friction that is the cold one falls by a fifth of it."""
-    values = values_of(library()["friction_warm_up"], 0.25) | {"declared_cold": declared_cold}
+    values = values_of(effect_library.library()["friction_warm_up"], 0.25) | {"declared_cold": declared_cold}
     row = resolve(with_effect(BENCH, "friction_warm_up", values)).rows[0]
     assert leg.cold_factor(row, 0.0) == pytest.approx(start, rel=1e-12)
     assert leg.cold_factor(row, 1e4) == pytest.approx(end, rel=1e-12)
@@ -130,7 +130,7 @@ def test_learned_term_wants_a_whole_curve():
 @pytest.mark.parametrize("name", NAMED)
 def test_two_tables_of_an_effect_add_up_or_are_refused(name):
     """On the same legs the second neither replaces the first nor is lost; on legs of their own both stand."""
-    effect = library()[name]
+    effect = effect_library.library()[name]
     machine, first = machine_for(effect), values_of(effect, effect.parameters[0].typical)
     second = values_of(effect, 0.5 * effect.parameters[0].typical)
     try:

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg, ports, rod_side
-from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, P, declared_rows
-from hexsim.machine import Machine
+from hexsim import HexsimError, Machine
+from hexsim.hydraulics import leg, parameters, ports, rod_side
+from hexsim.hydraulics.parameters import P
 from hexsim.machine.files import changed
 
 PS, PT, DENSITY = 16.0e6, 3.0e5, 860.0
@@ -35,7 +34,7 @@ def servo(bench) -> Machine:
 @pytest.fixture
 def row(servo):
     """A fresh row of the servo's leg."""
-    return declared_rows(servo)[0]
+    return parameters.declared_rows(servo)[0]
 
 
 def flows(row, x, P1, P2):
@@ -69,11 +68,11 @@ def test_flows_turn_where_a_chamber_passes_supply_or_tank(row, x):
 
 def test_dead_band_of_four_edges_and_of_each_alone(servo):
     """No flow within the overlap; with edges of their own each opens at its own travel."""
-    row = declared_rows(servo)[0]
+    row = parameters.declared_rows(servo)[0]
     for x in np.linspace(-OVERLAP, OVERLAP, 21):
         assert flows(row, x, 6e6, 9e6) == (0.0, 0.0)
     own = (4e-6, 8e-6, 12e-6, -2e-6)  # P-A, A-T, P-B, B-T; the last is an underlap
-    row = declared_rows(changed(servo, {"valve.overlap_m": None, "valve.overlap_edges_m": own}))[0]
+    row = parameters.declared_rows(changed(servo, {"valve.overlap_m": None, "valve.overlap_edges_m": own}))[0]
     at = [
         lambda x: ports.supply_edge_flow(row, x, 6e6, PS),
         lambda x: ports.tank_edge_flow(row, -x, 6e6),
@@ -89,8 +88,8 @@ def test_dead_band_of_four_edges_and_of_each_alone(servo):
 
 def test_edge_gains_scale_their_own_edge(servo):
     """Gains (1, 2, 3, 4) of the edges multiply their flows and no other's."""
-    plain = declared_rows(servo)[0]
-    row = declared_rows(changed(servo, {"valve.edge_gains": (1.0, 2.0, 3.0, 4.0)}))[0]
+    plain = parameters.declared_rows(servo)[0]
+    row = parameters.declared_rows(changed(servo, {"valve.edge_gains": (1.0, 2.0, 3.0, 4.0)}))[0]
     for x, gains in ((3e-4, (1.0, 4.0)), (-3e-4, (2.0, 3.0))):
         assert np.divide(flows(row, x, 6e6, 9e6), flows(plain, x, 6e6, 9e6)) == pytest.approx(gains, rel=1e-12)
 
@@ -98,7 +97,7 @@ def test_edge_gains_scale_their_own_edge(servo):
 def test_each_edge_has_its_own_rounding(servo):
     """At its corner an edge passes K s ln 2: roundings (1, 2, 3, 4) um give flows in that ratio, four times."""
     sizes = (1e-6, 2e-6, 3e-6, 4e-6)
-    p = declared_rows(changed(servo, {"valve.edge_rounding_m": 0.0, "valve.edge_roundings_m": sizes}))[0]
+    p = parameters.declared_rows(changed(servo, {"valve.edge_rounding_m": 0.0, "valve.edge_roundings_m": sizes}))[0]
     dp, full = servo.valve.rated_pressure_drop_Pa, servo.valve.rated_flow_m3_s / servo.valve.spool_travel_max_m
     edges = (ports.edge_PA(p), ports.edge_AT(p), ports.edge_PB(p), ports.edge_BT(p))
     for edge, size, flow in zip(edges, sizes, (ports.supply_edge, ports.tank_edge) * 2, strict=True):
@@ -130,12 +129,12 @@ def test_slopes_are_the_derivatives_of_the_flows(row, x):
 def test_two_closed_edges_leave_the_three_way_leg(servo, bench):
     """With P-B and B-T shut off and the rod side on the supply all rates are those of the three-way leg, to the bit."""
     three = changed(bench, {k: v for k, v in FOUR_WAY.items() if k not in ("valve.kind", "cylinder.rod_side")})
-    four = declared_rows(changed(servo, {"valve.edge_gains": (1.0, 1.0, 0.0, 0.0)}))[0]
-    four[P.ROD_SIDE_CHAMBER] = ROD_SIDE_SUPPLY
+    four = parameters.declared_rows(changed(servo, {"valve.edge_gains": (1.0, 1.0, 0.0, 0.0)}))[0]
+    four[P.ROD_SIDE_CHAMBER] = parameters.ROD_SIDE_SUPPLY
     for x in (-3e-4, 0.0, 3e-4):
         state = (6e6, PS, x, 0.01, 0.0)
         instant = (0.1, 0.05, 2.0, 0.0, PS, state, 1e-4)
-        assert leg.leg_derivatives(four, *instant) == leg.leg_derivatives(declared_rows(three)[0], *instant)
+        assert leg.leg_derivatives(four, *instant) == leg.leg_derivatives(parameters.declared_rows(three)[0], *instant)
 
 
 def test_pressure_rate_of_the_rod_side(row):
@@ -239,13 +238,15 @@ def test_rod_leakage_needs_a_chamber(bench):
 
 def test_piston_leakage_of_the_report_machine_comes_from_the_supply(bench):
     """With the annulus at supply pressure the piston seal leaks from the supply into the bottom chamber."""
-    row = declared_rows(changed(bench, {"cylinder.piston_leakage_m3_s_Pa": 2e-12}))[0]
+    row = parameters.declared_rows(changed(bench, {"cylinder.piston_leakage_m3_s_Pa": 2e-12}))[0]
     assert row[P.LEAK_SUPPLY_CHAMBER] == 2e-12
     assert row[P.LEAK_PISTON] == 0.0
 
 
 def test_through_rod_has_equal_areas(servo):
     """Both sides are the annulus, and external leakage leaves both chambers."""
-    row = declared_rows(changed(servo, {"cylinder.through_rod": True, "cylinder.rod_leakage_m3_s_Pa": 1e-13}))[0]
+    row = parameters.declared_rows(
+        changed(servo, {"cylinder.through_rod": True, "cylinder.rod_leakage_m3_s_Pa": 1e-13})
+    )[0]
     assert row[P.AREA_BOTTOM] == row[P.AREA_TOP] == pytest.approx(A2, rel=1e-12)
     assert row[P.LEAK_CHAMBER_TANK] == row[P.LEAK_TOP_TANK] == 1e-13

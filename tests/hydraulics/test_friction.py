@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import friction, leg
-from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim.hydraulics import friction, leg, parameters
+from hexsim.hydraulics.parameters import P
 from hexsim.machine.files import changed
 
 STRIBECK = 0.005  # [m/s]
@@ -36,7 +36,7 @@ def test_sharp_form_is_equation_2_4(row, sign, speed):
 @pytest.mark.parametrize("speed", [1e-4, 0.01, 0.15])
 def test_report_form_is_equation_3_9_as_printed(bench, sign, speed):
     """arctan(100 v), unscaled."""
-    row = declared_rows(changed(bench, {"friction.form": "report"}))[0]
+    row = parameters.declared_rows(changed(bench, {"friction.form": "report"}))[0]
     sigma, coulomb, static = REPORT[sign]
     by_hand = sign * (sigma * speed + math.atan(100 * speed) * (coulomb + static * math.exp(-speed / STRIBECK)))
     assert force(row, sign * speed) == pytest.approx(by_hand, rel=1e-12)
@@ -45,7 +45,7 @@ def test_report_form_is_equation_3_9_as_printed(bench, sign, speed):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_printed_form_tends_to_1_57_times_the_coulomb_force(bench, sign):
     """The erratum: arctan tends to pi/2, so the printed friction is 1.57 times Eq. 2.4 at speed; half at 10 mm/s."""
-    row = declared_rows(changed(bench, {"friction.form": "report"}))[0]
+    row = parameters.declared_rows(changed(bench, {"friction.form": "report"}))[0]
     sigma, coulomb, _ = REPORT[sign]
 
     def dry(v):

@@ -5,14 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.hydraulics import ports
-from hexsim.hydraulics.leg import flow_curve
+from hexsim import HexsimError, load_scenario
+from hexsim.hydraulics import leg, ports
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve, warm_oil
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 BENCH, SERVO = load_machine("bench"), load_machine("servo_bench")
@@ -158,7 +156,7 @@ def test_a_flow_curve_holds_at_the_viscosity_of_its_sheet():
     for reynolds in (0.0, 100.0):
         row = row_of(reynolds, 40.0, SERVO, **keys)
         for signal, litres in ((2.0, 0.02), (4.0, 0.3), (100.0, 38.0)):
-            opening = flow_curve(row, signal / 100.0 * 5e-4)
+            opening = leg.flow_curve(row, signal / 100.0 * 5e-4)
             q = ports.supply_edge_flow(row, opening, row[P.SUPPLY_PRESSURE] - 35e5, row[P.SUPPLY_PRESSURE])
             assert 60000.0 * q == pytest.approx(litres, rel=2e-4)
     assert row[P.LAMINAR] < row_of(100.0, 20.0, SERVO, **keys)[P.LAMINAR]

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import leg, ports, rod_side
-from hexsim.hydraulics.learned import CONTINUITY, DIRECTION, FORCE, HALF, PRODUCT, SIGNALS, curve, term
-from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P, declared_rows
+from hexsim.hydraulics import learned as learned_terms
+from hexsim.hydraulics import leg, parameters, ports, rod_side
+from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 
 A1, A2 = math.pi / 4 * 0.04**2, math.pi / 4 * (0.04**2 - 0.03**2)
@@ -272,59 +272,67 @@ def learned(row, balance, signal):
     """A learned curve k^2 over knots -1.6, -1.5 .. 1.6 of its signal."""
     row[P.LEARNED_BALANCE], row[P.LEARNED_SIGNAL] = balance, signal
     row[P.LEARNED_START], row[P.LEARNED_STEP] = -1.6, 0.1
-    row[LEARNED_TABLE : LEARNED_TABLE + LEARNED_KNOTS] = (np.arange(LEARNED_KNOTS) - 16.0) ** 2
+    row[parameters.LEARNED_TABLE : parameters.LEARNED_TABLE + parameters.LEARNED_KNOTS] = (
+        np.arange(parameters.LEARNED_KNOTS) - 16.0
+    ) ** 2
     return row
 
 
 def test_learned_curve_is_linear_between_knots_and_constant_beyond(row):
     """numpy.interp of the knots, which clamps too; the last knot is met to 1e-6 of the last segment."""
-    learned(row, FORCE, 0)
-    knots = -1.6 + 0.1 * np.arange(LEARNED_KNOTS)
+    learned(row, learned_terms.FORCE, 0)
+    knots = -1.6 + 0.1 * np.arange(parameters.LEARNED_KNOTS)
     signals = np.concatenate([np.linspace(-1.6, 1.6, 501), [-1e9, -1.7, 1.7, 1e9]])
-    found = [curve(row, s) for s in signals]
+    found = [learned_terms.curve(row, s) for s in signals]
     np.testing.assert_allclose(
-        found, np.interp(signals, knots, row[LEARNED_TABLE : LEARNED_TABLE + LEARNED_KNOTS]), atol=1e-6 * 31
+        found,
+        np.interp(signals, knots, row[parameters.LEARNED_TABLE : parameters.LEARNED_TABLE + parameters.LEARNED_KNOTS]),
+        atol=1e-6 * 31,
     )
 
 
 def test_learned_curve_of_nan_is_nan(row):
     """A diverging run asks for the curve at NaN: the answer is NaN, not a place in memory far outside the row."""
-    assert math.isnan(curve(learned(row, FORCE, 0), math.nan))
+    assert math.isnan(learned_terms.curve(learned(row, learned_terms.FORCE, 0), math.nan))
 
 
 def test_learned_term_reads_the_signal_it_names(row):
     """Each of SIGNALS in turn moves the term, and the others do not; the speed is the velocity without its sign. With a time
     constant it is over what was remembered."""
-    values = dict(zip(SIGNALS, (0.11, -0.23, 0.37, 0.53, 0.71, 0.97, 0.23), strict=True))
-    for number, name in enumerate(SIGNALS):
+    values = dict(zip(learned_terms.SIGNALS, (0.11, -0.23, 0.37, 0.53, 0.71, 0.97, 0.23), strict=True))
+    for number, name in enumerate(learned_terms.SIGNALS):
         row[P.LEARNED_MEMORY] = 0.0
-        learned(row, CONTINUITY, number)
-        assert term(row, *values.values()) == curve(row, values[name])
+        learned(row, learned_terms.CONTINUITY, number)
+        assert learned_terms.term(row, *values.values()) == learned_terms.curve(row, values[name])
         row[P.LEARNED_MEMORY] = 0.4
-        assert term(row, *list(values.values())[:6], 0.61) == curve(row, 0.61)
+        assert learned_terms.term(row, *list(values.values())[:6], 0.61) == learned_terms.curve(row, 0.61)
 
 
 def test_learned_term_in_its_form(row):
     """A product is the velocity times the curve. Of a direction's two curves of 16 knots each holds its own way; at rest their mean."""
-    learned(row, FORCE, 0)
-    row[P.LEARNED_FORM] = PRODUCT
-    assert term(row, 0.4, -0.3, 0.0, 0.0, 0.0, 0.0) == pytest.approx(-0.3 * curve(row, 0.4))
-    row[P.LEARNED_FORM] = DIRECTION
-    row[LEARNED_TABLE : LEARNED_TABLE + 2 * HALF] = np.repeat([5.0, -7.0], HALF) + np.tile(np.arange(HALF), 2)
-    out, rest, back = (term(row, -1.1, v, 0.0, 0.0, 0.0, 0.0) for v in (0.1, 0.0, -0.1))
+    learned(row, learned_terms.FORCE, 0)
+    row[P.LEARNED_FORM] = learned_terms.PRODUCT
+    assert learned_terms.term(row, 0.4, -0.3, 0.0, 0.0, 0.0, 0.0) == pytest.approx(-0.3 * learned_terms.curve(row, 0.4))
+    row[P.LEARNED_FORM] = learned_terms.DIRECTION
+    row[parameters.LEARNED_TABLE : parameters.LEARNED_TABLE + 2 * learned_terms.HALF] = np.repeat(
+        [5.0, -7.0], learned_terms.HALF
+    ) + np.tile(np.arange(learned_terms.HALF), 2)
+    out, rest, back = (learned_terms.term(row, -1.1, v, 0.0, 0.0, 0.0, 0.0) for v in (0.1, 0.0, -0.1))
     assert (out, rest, back) == pytest.approx((10.0, 4.0, -2.0))
-    assert term(row, 9.0, 0.1, 0.0, 0.0, 0.0, 0.0) == pytest.approx(20.0, abs=1e-5)  # the last knot of its own curve
+    assert learned_terms.term(row, 9.0, 0.1, 0.0, 0.0, 0.0, 0.0) == pytest.approx(
+        20.0, abs=1e-5
+    )  # the last knot of its own curve
 
 
 def test_learned_term_joins_the_balance_it_names(row):
     """In continuity it adds to the flow, in force to the force, and to nothing else."""
     force = (0.1, 0.0, 0.0, P1, PS, PS, 0.0, 0.0)
     plain_flow, plain_force = flow_at(row, 1.0), leg.force_beyond_pressure(row, *force)
-    learned(row, CONTINUITY, 0)
-    added = curve(row, 0.1)
+    learned(row, learned_terms.CONTINUITY, 0)
+    added = learned_terms.curve(row, 0.1)
     assert flow_at(row, 1.0) - plain_flow == pytest.approx(added, rel=1e-12)
     assert leg.force_beyond_pressure(row, *force) == plain_force
-    learned(row, FORCE, 0)
+    learned(row, learned_terms.FORCE, 0)
     assert flow_at(row, 1.0) == plain_flow
     assert leg.force_beyond_pressure(row, *force) - plain_force == pytest.approx(added, rel=1e-6)
 
@@ -356,7 +364,7 @@ def test_valve_volts_are_delayed_and_lag_by_the_backlash(half_width, delay):
 @pytest.mark.parametrize("name", ["bench", "servo_bench"])
 def test_the_quick_answer_on_stiffness_is_never_wrong(name):
     """Where the slope of the flow is said to be surely below the limit it is; most instants are answered so."""
-    rng, machine_row, quick, trials = np.random.default_rng(3), declared_rows(load_machine(name))[0], 0, 5000
+    rng, machine_row, quick, trials = np.random.default_rng(3), parameters.declared_rows(load_machine(name))[0], 0, 5000
     Ps, sound = machine_row[P.SUPPLY_PRESSURE], []
     for _ in range(trials):
         row = machine_row.copy()

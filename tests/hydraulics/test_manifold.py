@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg, manifold, ports
-from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim import HexsimError
+from hexsim.hydraulics import leg, manifold, parameters, ports
+from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 
@@ -23,7 +23,7 @@ def machine(request):
 @pytest.fixture
 def row(machine):
     """A leg's row with its settling orifice open and no pressure width to speak of."""
-    row = declared_rows(changed(machine, {"valve.pressure_width_Pa": 1.0}))[0]
+    row = parameters.declared_rows(changed(machine, {"valve.pressure_width_Pa": 1.0}))[0]
     row[P.SETTLING_GAIN] = machine.manifold.settling_gain_m3_s_sqrtPa(machine.oil.density_kg_m3)
     return row
 

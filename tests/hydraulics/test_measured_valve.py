@@ -9,8 +9,8 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.own.folder import load_simulated
-from hexsim.own.run import run_folder_of
+from hexsim.own import folder as own_folder
+from hexsim.own import run
 from hexsim.studies.valve_test import valve_test
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -141,6 +141,6 @@ def test_blocked_ports_saturate_as_measured_and_the_pressure_gain_comes_from_the
     own = (folder / "model.toml").read_text().replace("../../../../shared/measured", str(STAND.parent))
     (tmp_path / "model.toml").write_text(own)
     (tmp_path / "mapping.toml").write_bytes((folder / "mapping.toml").read_bytes())
-    numbers = run_folder_of(load_simulated(tmp_path), None)["numbers"]
+    numbers = run.run_folder_of(own_folder.load_simulated(tmp_path), None)["numbers"]
     measured = numbers["supply"]["value"] / numbers["width"]["value"] * RATED_mA / SUPPLY_PSI
     assert 0.6 * measured < stand.figures["pressure_gain_percent"] < measured

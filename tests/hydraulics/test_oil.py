@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.hydraulics import chamber, oil
-from hexsim.hydraulics.oil import LEG_POWERS, TELLUS_T46, row_factors
-from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim import HexsimError
+from hexsim.hydraulics import chamber, oil, parameters
+from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve, warm_oil
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.machine.files import changed, machine_tables
@@ -33,7 +32,7 @@ def test_viscosity_lies_on_a_line_in_walther_coordinates():
 def test_density_derivatives_are_expansion_and_compressibility():
     """d rho/dT = -b rho_0 and d rho/dP = rho/E at no pressure."""
     at = lambda temperature, pressure: oil.density(temperature, pressure, 860.0, 35.0, 1.5e9)  # noqa: E731
-    assert (at(36.0, 0.0) - at(34.0, 0.0)) / 2 == pytest.approx(-TELLUS_T46.expansion_1_K * 860.0, rel=1e-9)
+    assert (at(36.0, 0.0) - at(34.0, 0.0)) / 2 == pytest.approx(-oil.TELLUS_T46.expansion_1_K * 860.0, rel=1e-9)
     assert (at(35.0, 1e4) - at(35.0, -1e4)) / 2e4 == pytest.approx(860.0 / 1.5e9, rel=1e-6)
 
 
@@ -59,13 +58,15 @@ def test_entrained_air_joins_by_the_equation_of_the_chamber():
 
 def test_rows_do_not_change_at_the_declared_temperature():
     """All factors are exactly 1 when the oil stays where it is."""
-    assert np.array_equal(row_factors(LEG_POWERS, N_PARAMETERS, 35.0, 35.0), np.ones(N_PARAMETERS))
+    assert np.array_equal(
+        oil.row_factors(oil.LEG_POWERS, parameters.N_PARAMETERS, 35.0, 35.0), np.ones(parameters.N_PARAMETERS)
+    )
 
 
 def test_rows_there_and_back_are_the_same():
     """Warming and cooling again undo each other to rounding."""
-    there = row_factors(LEG_POWERS, N_PARAMETERS, 20.0, 60.0)
-    back = row_factors(LEG_POWERS, N_PARAMETERS, 60.0, 20.0)
+    there = oil.row_factors(oil.LEG_POWERS, parameters.N_PARAMETERS, 20.0, 60.0)
+    back = oil.row_factors(oil.LEG_POWERS, parameters.N_PARAMETERS, 60.0, 20.0)
     assert np.abs(there * back - 1).max() < 1e-12
     assert np.abs(there - 1).max() > 0.5  # and it is no small change
 

@@ -5,12 +5,12 @@ import sys
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.hydraulics.effects import library
+from hexsim import HexsimError
+from hexsim.hydraulics import effects
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
-from hexsim.tracing.fitting.parameters import candidates
+from hexsim.tracing.fitting import parameters
 
 FILE = """
 from hexsim.hydraulics.effects import Effect, EffectParameter
@@ -49,10 +49,10 @@ def installed(folder, name: str) -> None:
 @pytest.fixture
 def fresh(monkeypatch, tmp_path):
     """The library as a new session finds it, with `tmp_path` among the installed packages; as before afterwards."""
-    library.cache_clear()
+    effects.library.cache_clear()
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
-    library.cache_clear()
+    effects.library.cache_clear()
     sys.modules.pop("own_damper", None)
 
 
@@ -66,7 +66,7 @@ def test_a_file_and_an_entry_point_make_an_effect(fresh):
     scenario = scenario_from_dict(MOTION | {"machine_name": bench.name})
     reach = [np.ptp(simulate(machine, scenario).log["position_m"].to_numpy()) for machine in (bench, damped)]
     assert reach[1] < 0.98 * reach[0]
-    (candidate,) = (c for c in candidates(bench) if c.effect.name == "own_damper")
+    (candidate,) = (c for c in parameters.candidates(bench) if c.effect.name == "own_damper")
     assert candidate.effect.parameters[0].unit == "N s/m"
 
 
@@ -74,4 +74,4 @@ def test_a_name_that_is_taken_is_refused(fresh):
     """Two effects of one name would hide each other: a sentence says which entry point to rename."""
     installed(fresh, "hose_compliance")
     with pytest.raises(HexsimError, match=r"entry point damper.*there is an effect hose_compliance already; rename it"):
-        library()
+        effects.library()

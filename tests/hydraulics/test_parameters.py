@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.hydraulics.effects import library
-from hexsim.hydraulics.parameters import LEARNED_TABLE, N_PARAMETERS, P, declared_rows
+from hexsim.hydraulics import effects, parameters
+from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -67,8 +67,8 @@ PLACES = [  # key, a value that no other key has, place in the row, what must st
 )
 def test_declared_number_stands_in_its_place(bench, key, given, place, stands):
     """A changed key arrives, and the place did not hold that value before."""
-    assert declared_rows(changed(bench, {key: given}))[0, place] == pytest.approx(stands, rel=1e-12)
-    assert declared_rows(bench)[0, place] != pytest.approx(stands, rel=1e-3)
+    assert parameters.declared_rows(changed(bench, {key: given}))[0, place] == pytest.approx(stands, rel=1e-12)
+    assert parameters.declared_rows(bench)[0, place] != pytest.approx(stands, rel=1e-3)
 
 
 @pytest.mark.parametrize(("key", "given"), sorted({(key, given) for key, given, _, _ in PLACES}, key=str))
@@ -79,22 +79,27 @@ def test_declared_number_moves_no_other_place(bench, key, given):
         "valve.spool_travel_max_m": {P.SPOOL_GAIN},  # x_max/u_max
     }
     expected = {place for k, _, place, _ in PLACES if k == key} | follows.get(key, set())
-    moved = {P(i) for i in np.flatnonzero(declared_rows(changed(bench, {key: given}))[0] != declared_rows(bench)[0])}
+    moved = {
+        P(i)
+        for i in np.flatnonzero(
+            parameters.declared_rows(changed(bench, {key: given}))[0] != parameters.declared_rows(bench)[0]
+        )
+    }
     assert moved == expected
 
 
 def test_all_legs_are_declared_alike(hexapod, bench):
     """Six equal rows for a hexapod, one for a bench of the same cylinder: the mass is not the row's."""
-    rows = declared_rows(hexapod)
-    assert rows.shape == (6, N_PARAMETERS)
+    rows = parameters.declared_rows(hexapod)
+    assert rows.shape == (6, parameters.N_PARAMETERS)
     assert np.all(rows == rows[0])
-    np.testing.assert_array_equal(rows[0], declared_rows(bench)[0])
+    np.testing.assert_array_equal(rows[0], parameters.declared_rows(bench)[0])
 
 
 def test_places_are_numbered_without_gap_or_overlap():
     """0, 1, 2 .. and the learned table behind them: no hole and no double in MuJoCo's `actuator_user`."""
-    assert [int(place) for place in P] == list(range(LEARNED_TABLE))
-    assert len(P.__members__) == LEARNED_TABLE  # no second name for a place
+    assert [int(place) for place in P] == list(range(parameters.LEARNED_TABLE))
+    assert len(P.__members__) == parameters.LEARNED_TABLE  # no second name for a place
 
 
 def neutral_settings(effect):
@@ -110,7 +115,7 @@ def neutral_settings(effect):
 
 ROW_EFFECTS = [
     name
-    for name, effect in library().items()
+    for name, effect in effects.library().items()
     if effect.apply is None and neutral_settings(effect) is not None and "bench" in effect.kinds
 ]
 
@@ -123,12 +128,12 @@ def test_most_effects_of_the_row_have_a_neutral_value_in_reach():
 @pytest.mark.parametrize("name", ROW_EFFECTS)
 def test_neutral_effect_leaves_the_rows_untouched(bench, name):
     """Switched on at its neutral value, an effect that adds to the row's places leaves every number as declared."""
-    effect = library()[name]
+    effect = effects.library()[name]
     bench = load_machine("servo_bench") if effect.four_way else bench
     with_effect = resolve(changed(bench, {f"effects.{name}": neutral_settings(effect)}))
     scaled = [p.slot for p in effect.parameters if p.slot is not None and p.default is None]
     assert scaled, "an effect of the row has a place that scales it"
-    np.testing.assert_array_equal(with_effect.rows[:, scaled], declared_rows(bench)[:, scaled])
+    np.testing.assert_array_equal(with_effect.rows[:, scaled], parameters.declared_rows(bench)[:, scaled])
 
 
 def everything(machine):
@@ -150,17 +155,21 @@ def everything(machine):
     return [n.tolist() for n in numbers], made.load, made.sensors, made.payload_modes
 
 
-@pytest.mark.parametrize("name", [name for name in library() if name != "learned_term"])  # it has a curve, no strength
+@pytest.mark.parametrize(
+    "name", [name for name in effects.library() if name != "learned_term"]
+)  # it has a curve, no strength
 def test_believable_effect_changes_something_and_only_its_legs(hexapod, bench, name):
     """Every effect shows at its typical strength; in leg 2 it leaves the other legs' rows as declared."""
-    effect = library()[name]
+    effect = effects.library()[name]
     hexapod = load_machine("servo_hexapod") if effect.four_way else hexapod
     machine = hexapod if "hexapod" in effect.kinds else bench
     table = {parameter.name: parameter.typical for parameter in effect.parameters}
     assert everything(changed(machine, {f"effects.{name}": table})) != everything(machine)
     if effect.places == "leg" and machine is hexapod:
         rows = resolve(changed(machine, {f"effects.{name}": {**table, "where": "leg 2"}})).rows
-        np.testing.assert_array_equal(np.delete(rows, 1, axis=0), np.delete(declared_rows(machine), 1, axis=0))
+        np.testing.assert_array_equal(
+            np.delete(rows, 1, axis=0), np.delete(parameters.declared_rows(machine), 1, axis=0)
+        )
 
 
 def test_effect_of_two_tables_adds_up(hexapod):

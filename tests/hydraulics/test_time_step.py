@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hexsim.hydraulics import steps
+from hexsim.hydraulics import supply as supplies
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
-from hexsim.hydraulics.supply import LINE, S
 from hexsim.machine import load_machine
 
 MASS = np.array([[1 / 40.0]])
@@ -73,10 +73,10 @@ def test_an_open_valve_at_little_pressure_drop_takes_shorter_steps(bench):
 def test_a_fast_supply_line_takes_shorter_steps(bench):
     """R C of 0.2 ms, and no shorter than FASTEST_LAW_S for one of 1 us."""
     rows, supply = bench
-    supply[S.MODEL], supply[S.RESISTANCE] = LINE, 2e9
+    supply[supplies.S.MODEL], supply[supplies.S.RESISTANCE] = supplies.LINE, 2e9
     counts = []
     for capacity in (5e-12, 1e-13, 5e-16):
-        supply[S.CAPACITY] = capacity
+        supply[supplies.S.CAPACITY] = capacity
         counts.append(here(steps.step_rule(rows, supply, MASS / 100), rows[0]))
     assert counts == sorted(counts) and counts[0] < counts[1] < counts[2] == round(1e-3 / steps.FASTEST_LAW_S)
 

@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg
-from hexsim.hydraulics.parameters import P, declared_rows, flow_points
+from hexsim.hydraulics import leg, parameters
+from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.studies.valve_test import valve_test
@@ -62,7 +62,7 @@ def test_the_sheet_comes_back(test):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_flow_curve_at_its_points_and_between(machine, sign):
     """The row's opening is flow over rated flow times travel: at the points, between them, mirrored."""
-    row, travel = declared_rows(machine)[0], 5e-4
+    row, travel = parameters.declared_rows(machine)[0], 5e-4
     for percent, flow in ((1.0, 0.0), (2.0, 0.0), (21.0, 5.0), (40.0, 10.0), (70.0, 24.0), (100.0, 38.0)):
         opening = leg.flow_curve(row, sign * percent / 100 * travel)
         assert opening == pytest.approx(sign * flow / 38.0 * travel, rel=1e-6, abs=1e-15)
@@ -83,8 +83,8 @@ def test_flow_curve_in_other_units(machine):
         "flow_unit": "1",
     }
     for other in (volts, shares):
-        again = flow_points(changed(machine, {"valve.flow_curve": other}).valve, 860.0)
-        np.testing.assert_allclose(again, flow_points(machine.valve, 860.0), rtol=1e-7, atol=1e-18)
+        again = parameters.flow_points(changed(machine, {"valve.flow_curve": other}).valve, 860.0)
+        np.testing.assert_allclose(again, parameters.flow_points(machine.valve, 860.0), rtol=1e-7, atol=1e-18)
 
 
 def test_slew_time_and_lap_in_percent():
@@ -92,7 +92,7 @@ def test_slew_time_and_lap_in_percent():
     machine = changed(
         load_machine("servo_bench"), {"valve.slew_time_s": 0.02, "valve.overlap_m": None, "valve.overlap_percent": 3.0}
     )
-    row = declared_rows(machine)[0]
+    row = parameters.declared_rows(machine)[0]
     assert row[P.SPOOL_RATE] == pytest.approx(0.025)
     assert row[P.OVERLAP_SUPPLY] == row[P.OVERLAP_TANK_TOP] == pytest.approx(15e-6)
 
@@ -100,7 +100,7 @@ def test_slew_time_and_lap_in_percent():
 def test_rounded_edges_at_null():
     """Matched edges at null: flow gain steepens to the slope, leakage is 2 K s ln 2 sqrt(Ps/2), load pressure 0."""
     machine = load_machine("servo_bench")
-    found, p = valve_test(machine), declared_rows(machine)[0]
+    found, p = valve_test(machine), parameters.declared_rows(machine)[0]
     opening = 2e-6 * math.log(2.0)
     edge = p[P.DISCHARGE] * p[P.AREA_GRADIENT_SUPPLY] * opening * math.sqrt(2 / 855.0) * math.sqrt(7.9e6)
     assert found.figures["null_leakage_l_min"] == pytest.approx(2 * edge * 6e4, rel=1e-3)
@@ -111,7 +111,7 @@ def test_rounded_edges_at_null():
 def test_pressure_gain_at_null():
     """Rounded edges without lap: dP_L/dx = (Ps - Pt)/(s ln 2), from P_A = (r^2 Ps + Pt)/(1 + r^2), r = o(x)/o(-x)."""
     machine = load_machine("servo_bench")
-    p, travel = declared_rows(machine)[0], machine.valve.spool_travel_max_m
+    p, travel = parameters.declared_rows(machine)[0], machine.valve.spool_travel_max_m
     by_hand = (p[P.SUPPLY_PRESSURE] - p[P.TANK_PRESSURE]) / (p[P.ROUNDING_SUPPLY] * math.log(2.0)) * travel
     found = valve_test(machine).figures["pressure_gain_percent"] * p[P.SUPPLY_PRESSURE]
     assert p[P.OVERLAP_SUPPLY] == 0.0 and found == pytest.approx(by_hand, rel=2e-3)  # steps of 0.01 % of the signal
@@ -155,7 +155,7 @@ def test_threshold_is_the_smallest_reversal_that_moves_the_flow(threshold, hyste
     """After a rise to 50 % a reversal below the threshold leaves the flow as it is to the bit, one beyond it moves it; a full
     cycle's loop is as wide as the hysteresis; both again on the way back."""
     sheet = {"valve.hysteresis_percent": hysteresis, "valve.threshold_percent": threshold}
-    row = declared_rows(changed(load_machine("servo_bench"), sheet))[0]
+    row = parameters.declared_rows(changed(load_machine("servo_bench"), sheet))[0]
     at = np.concatenate(
         [np.linspace(0, 50, 501), [50 - max(threshold - 1e-9, 0.0), 50 - threshold - 1e-3], np.linspace(50, -100, 1501)]
     )

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.inference.contract import Number, Stretch
+from hexsim import HexsimError
+from hexsim.inference import contract
 from hexsim.inference.held_out import held_out
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
@@ -24,13 +24,13 @@ class Linear:
         self.channels, self.noises, self.x, self.y = ("y",), (np.nan,), x, y
         known = prior or {}
         self.numbers = [
-            Number(
+            contract.Number(
                 name=name, start=0.0, scale=1.0, mean=known.get(name, (np.nan,))[0], sd=known.get(name, (0, np.nan))[1]
             )
             for name in names
         ]
         self.stretches = [
-            Stretch(name=f"run{k}", group=f"part {k}", dt=0.01, weight=np.ones((len(one), 1)))
+            contract.Stretch(name=f"run{k}", group=f"part {k}", dt=0.01, weight=np.ones((len(one), 1)))
             for k, one in enumerate(y)
         ]
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.machine.files import changed, machine_tables
 from hexsim.plant import Plant

@@ -5,9 +5,10 @@ import tomllib
 import pytest
 import tomli_w
 
-from hexsim.errors import HexsimError
-from hexsim.machine import available_machines, load_machine, machine_from_dict, models_folder, save_machine
-from hexsim.machine.files import FILE_NAME, changed, find_machine_file, machine_tables
+import hexsim as hx
+from hexsim import HexsimError
+from hexsim.machine import load_machine, machine_from_dict, models_folder, save_machine
+from hexsim.machine.files import changed, machine_tables
 
 
 @pytest.mark.parametrize("name", ["bench", "micro_motion_system"])
@@ -21,15 +22,15 @@ def test_saved_machine_reads_back_equal(name, tmp_path):
             "effects.leakage_supply_to_chamber": {"conductance_m3_s_Pa": 2.4e-12},
         },
     )
-    save_machine(machine, tmp_path / FILE_NAME)
+    save_machine(machine, tmp_path / "machine.toml")
     assert load_machine(tmp_path) == machine
-    assert load_machine(tmp_path / FILE_NAME) == machine
+    assert load_machine(tmp_path / "machine.toml") == machine
 
 
 def test_saved_machine_has_the_tables_of_the_format(bench, tmp_path):
     """The file has the tables and keys of measured/README.md, and none for what the machine has not."""
-    save_machine(bench, tmp_path / FILE_NAME)
-    tables = tomllib.loads((tmp_path / FILE_NAME).read_text())
+    save_machine(bench, tmp_path / "machine.toml")
+    tables = tomllib.loads((tmp_path / "machine.toml").read_text())
     assert tables["machine"]["name"] == "bench"
     assert tables["cylinder"]["piston_diameter_m"] == 0.04
     assert "geometry" not in tables and "power_unit" not in tables and "effects" not in tables
@@ -37,12 +38,12 @@ def test_saved_machine_has_the_tables_of_the_format(bench, tmp_path):
 
 def test_packaged_machines_are_found_by_name_and_path():
     """By name, by "models/<name>", by folder and by file: the same machine."""
-    assert {"bench", "micro_motion_system"} <= set(available_machines())
-    for name in available_machines():
+    assert {"bench", "micro_motion_system"} <= set(hx.available()["machines"])
+    for name in hx.available()["machines"]:
         folder = models_folder() / name
         same = load_machine(name)
         assert same.name == name
-        assert load_machine(f"models/{name}") == load_machine(folder) == load_machine(folder / FILE_NAME) == same
+        assert load_machine(f"models/{name}") == load_machine(folder) == load_machine(folder / "machine.toml") == same
 
 
 def test_packaged_names_work_away_from_the_repository(tmp_path, monkeypatch):
@@ -56,7 +57,7 @@ def test_unknown_machine_lists_what_there_is():
     with pytest.raises(HexsimError) as caught:
         load_machine("micro_motion")
     assert "unknown machine 'micro_motion'" in str(caught.value)
-    assert ", ".join(available_machines()) in str(caught.value)
+    assert ", ".join(hx.available()["machines"]) in str(caught.value)
 
 
 def test_folder_without_a_machine_file_says_so(tmp_path):
@@ -67,7 +68,7 @@ def test_folder_without_a_machine_file_says_so(tmp_path):
 
 def test_file_that_is_no_toml_names_file_and_line(tmp_path):
     """A broken line is told with its number."""
-    path = tmp_path / FILE_NAME
+    path = tmp_path / "machine.toml"
     path.write_text('[machine]\nname = "x\n')
     with pytest.raises(HexsimError, match=r"machine.toml is not valid TOML: .*line 2"):
         load_machine(path)
@@ -78,7 +79,7 @@ def test_file_that_is_no_toml_names_file_and_line(tmp_path):
 
 def test_error_of_a_file_names_the_file(tmp_path, bench):
     """The path stands before table and key."""
-    path = tmp_path / FILE_NAME
+    path = tmp_path / "machine.toml"
     save_machine(bench, path)
     path.write_text(path.read_text().replace("pressure_Pa = 7000000.0", "pressure_Pa = 70.0", 1))
     with pytest.raises(HexsimError) as caught:
@@ -131,14 +132,14 @@ def test_tables_make_the_machine_again(hexapod):
 def test_a_fitted_file_keeps_what_its_author_wrote(tmp_path):
     """Comments, order and spaces stay; a number that changed stands in its line, a new effect in a table of its own; and the file reads
     back as the machine that was saved."""
-    written = "# The rig in hall 3.\n" + find_machine_file("bench").read_text().replace(
+    written = "# The rig in hall 3.\n" + (models_folder() / "bench" / "machine.toml").read_text().replace(
         "\n[valve]", "\n[valve]   # from a data sheet"
     )
     (tmp_path / "declared.toml").write_text(written)
     declared = load_machine(tmp_path / "declared.toml")
     fitted = changed(declared, {"valve.overlap_m": 8.25e-6, "effects.null_offset": {"offset_V": 0.1}})
-    save_machine(fitted, tmp_path / FILE_NAME, tmp_path / "declared.toml")
-    text = (tmp_path / FILE_NAME).read_text()
+    save_machine(fitted, tmp_path / "machine.toml", tmp_path / "declared.toml")
+    text = (tmp_path / "machine.toml").read_text()
     assert load_machine(tmp_path) == fitted
     before, after = written.splitlines(), text.splitlines()
     apart = [(one, other) for one, other in zip(before, after, strict=False) if one != other]
@@ -168,34 +169,40 @@ offset_V = 0.1
 
 def test_single_legs_and_effects_are_changed_in_their_place(tmp_path):
     """Tables of single legs keep their comments; a new effect is there, and one that is gone is gone."""
-    (tmp_path / "declared.toml").write_text(find_machine_file("micro_motion_system").read_text() + LEGS)
+    (tmp_path / "declared.toml").write_text(
+        (models_folder() / "micro_motion_system" / "machine.toml").read_text() + LEGS
+    )
     tables = machine_tables(load_machine(tmp_path / "declared.toml"))
     tables["effects"] = {"leakage_supply_to_chamber": {"conductance_m3_s_Pa": 1e-12}}
     tables["leg"][0]["valve"]["overlap_m"] = 2.5e-5
     fitted = machine_from_dict(tables)
-    save_machine(fitted, tmp_path / FILE_NAME, tmp_path / "declared.toml")
-    text = (tmp_path / FILE_NAME).read_text()
+    save_machine(fitted, tmp_path / "machine.toml", tmp_path / "declared.toml")
+    text = (tmp_path / "machine.toml").read_text()
     assert load_machine(tmp_path) == fitted
     assert "number = 3  # rebuilt" in text and "overlap_m = 2.5e-05  # changed in May" in text
     assert "null_offset" not in text
 
 
-@pytest.mark.parametrize("name", [*available_machines(), "micro_motion_system/power_unit", "micro_motion_system/tuned"])
+@pytest.mark.parametrize(
+    "name", [*hx.available()["machines"], "micro_motion_system/power_unit", "micro_motion_system/tuned"]
+)
 def test_every_machine_of_hexsim_can_be_fitted_and_keeps_its_comments(name, tmp_path):
     """Another overlap or mass: the file reads as the fitted machine, and every comment of the declared one is in it."""
     declared = load_machine(name)
     mass = "load.platform_mass_kg" if declared.is_hexapod else "load.moving_mass_kg"
     value = declared.load.platform_mass_kg if declared.is_hexapod else declared.load.moving_mass_kg
     fitted = changed(declared, {mass: value + 1.25})
-    save_machine(fitted, tmp_path / FILE_NAME, name)
+    save_machine(fitted, tmp_path / "machine.toml", name)
     assert load_machine(tmp_path) == fitted
-    text = (tmp_path / FILE_NAME).read_text()
-    comments = [line[line.index("#") :] for line in find_machine_file(name).read_text().splitlines() if "#" in line]
+    text = (tmp_path / "machine.toml").read_text()
+    place = models_folder() / name
+    file = place / "machine.toml" if place.is_dir() else place.with_suffix(".toml")
+    comments = [line[line.index("#") :] for line in file.read_text().splitlines() if "#" in line]
     assert comments and all(comment in text for comment in comments)
 
 
 def test_what_is_declared_in_another_way_is_written_whole(tmp_path, bench):
     """From a run's config.toml, whose machine stands in a table: all numbers, and it reads back."""
     (tmp_path / "config.toml").write_text(tomli_w.dumps({"machine": machine_tables(bench)}))
-    save_machine(bench, tmp_path / FILE_NAME, tmp_path / "config.toml")
+    save_machine(bench, tmp_path / "machine.toml", tmp_path / "config.toml")
     assert load_machine(tmp_path) == bench

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
+from hexsim.machine import geometry
 from hexsim.machine.files import changed
-from hexsim.machine.geometry import machine_kinematics
 
 
 def test_joints_stand_in_pairs_on_two_circles(hexapod):
     """Base pairs at 0, 120, 240 deg +- 7.66; platform joints of legs 1 and 2 at +-(60 - 9.21), and so on by 120."""
-    kinematics = machine_kinematics(hexapod)
+    kinematics = geometry.machine_kinematics(hexapod)
     base_angles = np.array([7.66, -7.66, 127.66, 112.34, 247.66, 232.34])
     platform_angles = np.array([50.79, -50.79, 170.79, 69.21, 290.79, 189.21])
     base, platform = kinematics.base_joints, kinematics.platform_joints
@@ -22,7 +22,7 @@ def test_joints_stand_in_pairs_on_two_circles(hexapod):
 
 def test_neutral_is_half_stroke_on_all_legs(hexapod):
     """At the neutral pose all legs are 0.70 m long, pistons at 0.1 m, and the height closes the triangle."""
-    kinematics = machine_kinematics(hexapod)
+    kinematics = geometry.machine_kinematics(hexapod)
     neutral = np.zeros(6)
     np.testing.assert_allclose(kinematics.leg_lengths(neutral), 0.70, rtol=1e-12)
     np.testing.assert_allclose(kinematics.piston_positions(neutral), 0.1, atol=1e-12)
@@ -33,7 +33,7 @@ def test_neutral_is_half_stroke_on_all_legs(hexapod):
 def test_limits_come_from_the_stroke(hexapod):
     """Retracted length = neutral - stroke/2; a longer stroke takes the limits along."""
     for stroke in (0.2, 0.3):
-        kinematics = machine_kinematics(changed(hexapod, {"cylinder.stroke_m": stroke}))
+        kinematics = geometry.machine_kinematics(changed(hexapod, {"cylinder.stroke_m": stroke}))
         np.testing.assert_allclose(kinematics.retracted_length_m, 0.70 - stroke / 2)
         np.testing.assert_allclose(kinematics.piston_positions(np.zeros(6)), stroke / 2, atol=1e-12)
 
@@ -41,7 +41,7 @@ def test_limits_come_from_the_stroke(hexapod):
 def test_legs_too_short_to_reach_the_platform_are_refused(hexapod):
     """A neutral leg shorter than the horizontal distance of its joints cannot stand: a clear sentence, not NaN."""
     with pytest.raises(HexsimError, match="neutral_leg_length_m"):
-        machine_kinematics(changed(hexapod, {"geometry.neutral_leg_length_m": 0.4}))
+        geometry.machine_kinematics(changed(hexapod, {"geometry.neutral_leg_length_m": 0.4}))
 
 
 def test_bench_has_no_hexapod_geometry(bench):
@@ -49,4 +49,4 @@ def test_bench_has_no_hexapod_geometry(bench):
     with pytest.raises(
         HexsimError, match="machine bench is a bench and has no hexapod geometry: use a hexapod machine"
     ):
-        machine_kinematics(bench)
+        geometry.machine_kinematics(bench)

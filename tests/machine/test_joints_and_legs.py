@@ -5,14 +5,13 @@ import tomllib
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.machine.files import changed, machine_tables
+from hexsim.motion_computer import limits
 from hexsim.motion_computer.computer import MotionComputer
-from hexsim.motion_computer.limits import LEG_MARGIN_m, leg_limits
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
 
@@ -193,5 +192,9 @@ def test_the_motion_computer_takes_each_leg_to_its_own_neutral():
     machine = changed(machine, {"leg": [{"number": 5, "cylinder": {"stroke_m": 0.3}}]})
     by_hand = np.array([0.1, 0.1 - 2e-3, 0.1, 0.1, 0.15, 0.1])
     assert MotionComputer(machine).neutral == pytest.approx(by_hand, abs=1e-12)
-    room = np.minimum(by_hand, machine.mechanics.stroke_m - by_hand) - machine.cylinder.cushion_length_m - LEG_MARGIN_m
-    assert leg_limits(machine).excursion == pytest.approx(room, abs=1e-12)
+    room = (
+        np.minimum(by_hand, machine.mechanics.stroke_m - by_hand)
+        - machine.cylinder.cushion_length_m
+        - limits.LEG_MARGIN_m
+    )
+    assert limits.leg_limits(machine).excursion == pytest.approx(room, abs=1e-12)

@@ -4,16 +4,14 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.hydraulics.resolve import resolve
+from hexsim.machine import geometry
 from hexsim.machine.files import changed
-from hexsim.machine.geometry import moving_body, platform_body
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
-from hexsim.studies.sweep import cases
-from hexsim.studies.uncertainty import drawn
+from hexsim.studies import sweep
 
 CABIN = {"name": "cabin", "mass_kg": 150.0, "position_m": [0.2, -0.1, 0.6], "inertia_kg_m2": [20.0, 25.0, 15.0]}
 WIDTHS = {"base_joints_m": 1e-3, "platform_joints_m": 1e-3, "leg_zero_offsets_m": 5e-4, "bulk_modulus_Pa": 0.1}
@@ -25,7 +23,7 @@ def loaded(hexapod):
 
 def test_a_payload_joins_the_platform_by_the_parallel_axis_theorem(hexapod):
     """M = m1 + m2, c = (m1 c1 + m2 c2)/M, I_c = sum I_i + m_i (d_i.d_i 1 - d_i d_i'), d_i = c_i - c: products included."""
-    body = platform_body(hexapod.load, loaded(hexapod).payload)
+    body = geometry.platform_body(hexapod.load, loaded(hexapod).payload)
     total = 600.0 + 150.0
     place = np.array(CABIN["position_m"])
     centre = 150.0 * place / total
@@ -41,7 +39,7 @@ def test_the_plant_moves_as_that_body_does(hexapod):
     """MuJoCo's mass matrix of the tendon model, the platform's own joint: that of the joined body, and its weight on the legs."""
     machine = loaded(hexapod)
     plant = Plant(machine, model="tendon")
-    body = moving_body(resolve(machine))
+    body = geometry.moving_body(resolve(machine))
     plant_mass = plant.model.body_subtreemass[plant.model.body("platform").id]
     assert plant_mass == pytest.approx(body.mass, rel=1e-9)
     force = (
@@ -63,14 +61,15 @@ def test_a_bench_has_no_payload(bench):
 def test_drawn_machines_lie_within_their_widths(hexapod):
     """60 draws: every number within its half width, some beyond half of it, and another for each draw."""
     machine = changed(hexapod, {"uncertainty": WIDTHS})
-    draws = [drawn(machine, seed) for seed in range(60)]
+    cases = sweep.cases(load_scenario("heave"), machine, draws=60)
+    draws = [case.settings_on(machine) for case in cases]
     moduli = np.array([draw["oil.bulk_modulus_Pa"] for draw in draws]) / machine.oil.bulk_modulus_Pa - 1
     offsets = np.array([[leg["length_m"] for leg in draw["effects.leg_zero_offset"]] for draw in draws])
     joints = np.array([[leg["x_m"] for leg in draw["effects.base_joint_offset"]] for draw in draws])
     for values, width in ((moduli, 0.1), (offsets, 5e-4), (joints, 1e-3)):
         assert 0.5 * width < np.abs(values).max() <= width
         assert len(np.unique(values)) == values.size
-    assert drawn(machine, 3) == draws[3]
+    assert sweep.cases(load_scenario("heave"), machine, draws=4)[3].settings_on(machine) == draws[3]
 
 
 def test_a_displaced_joint_is_unknown_to_the_motion_computer(hexapod):
@@ -91,10 +90,10 @@ def test_a_displaced_joint_is_unknown_to_the_motion_computer(hexapod):
 def test_a_sweep_draws_machines(hexapod):
     """Two draws, two compensators: four cases, each draw with both compensators."""
     machine = changed(hexapod, {"uncertainty": WIDTHS})
-    made = cases(load_scenario("heave"), machine, compensators=("none", "exact"), draws=2)
+    made = sweep.cases(load_scenario("heave"), machine, compensators=("none", "exact"), draws=2)
     assert [case.compensator for case in made] == ["none", "exact", "none", "exact"]
-    assert made[0].settings_on(machine) == made[1].settings_on(machine) == drawn(machine, 0)
-    assert made[2].settings_on(machine) == drawn(machine, 1)
+    assert made[0].settings_on(machine) == made[1].settings_on(machine) != made[2].settings_on(machine)
+    assert made[2].settings_on(machine) == made[3].settings_on(machine)
 
 
 def test_joint_uncertainty_is_in_metres(hexapod):

@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine.files import changed
-from hexsim.mechanics.points import imu_reading, mounting, origin_motion, point_acceleration
-from hexsim.recording.points import points
+from hexsim.mechanics import points as point_motion
+from hexsim.recording import figures as figures_of_run
+from hexsim.recording import summary_table
 from hexsim.recording.signals import Signals
-from hexsim.recording.summary_table import facts
-from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
+from hexsim.signals import table
 from hexsim.signals.log import Log
-from hexsim.signals.table import label_of
 from hexsim.simulation import simulate
 from hexsim.tracing.checks.imu import at_origin
 
@@ -42,9 +41,13 @@ def test_acceleration_at_a_point_by_hand():
         np.array([[0.0, 0.0, 3.0]]),
         [0.5, 0, 0],
     )
-    assert point_acceleration(a, turning, omega, r) == pytest.approx(np.array([[1.0 - 9 * 0.5, 2.0 + 2 * 0.5, 3.0]]))
-    assert point_acceleration(a, -turning, -omega, r) == pytest.approx(np.array([[1.0 - 9 * 0.5, 2.0 - 2 * 0.5, 3.0]]))
-    assert point_acceleration(a, turning, omega, [-0.5, 0, 0]) == pytest.approx(
+    assert point_motion.point_acceleration(a, turning, omega, r) == pytest.approx(
+        np.array([[1.0 - 9 * 0.5, 2.0 + 2 * 0.5, 3.0]])
+    )
+    assert point_motion.point_acceleration(a, -turning, -omega, r) == pytest.approx(
+        np.array([[1.0 - 9 * 0.5, 2.0 - 2 * 0.5, 3.0]])
+    )
+    assert point_motion.point_acceleration(a, turning, omega, [-0.5, 0, 0]) == pytest.approx(
         np.array([[1.0 + 9 * 0.5, 2.0 - 1.0, 3.0]])
     )
 
@@ -72,7 +75,7 @@ def test_log_agrees_with_the_second_difference_of_the_points_place(run):
 def test_opposite_points_feel_opposite_turning(run):
     """r and -r: the mean of both is the acceleration of the origin less the centripetal parts, which are equal and small."""
     log = run.log
-    mirrored = point_acceleration(*(np.zeros((1, 3)),) * 3, HEAD)
+    mirrored = point_motion.point_acceleration(*(np.zeros((1, 3)),) * 3, HEAD)
     assert mirrored == pytest.approx(np.zeros((1, 3)))
     origin = np.column_stack([log[f"true_acceleration_{axis}_m_s2"] for axis in "xyz"])
     turning = np.column_stack([log[f"true_angular_acceleration_{axis}_rad_s2"] for axis in "xyz"])
@@ -85,19 +88,19 @@ def test_opposite_points_feel_opposite_turning(run):
 def test_an_imu_reads_along_its_own_axes():
     """Turned by 90 deg of yaw: what is along y of the platform is along its x, and what is along x along its -y."""
     still = np.zeros((1, 3))
-    reading, turned = imu_reading(
-        np.array([[1.0, 2.0, 3.0]]), np.array([[0.1, 0.2, 0.3]]), still, [0, 0, 0], mounting([0, 0, 90.0])
+    reading, turned = point_motion.imu_reading(
+        np.array([[1.0, 2.0, 3.0]]), np.array([[0.1, 0.2, 0.3]]), still, [0, 0, 0], point_motion.mounting([0, 0, 90.0])
     )
     assert reading == pytest.approx(np.array([[2.0, -1.0, 3.0]]))
     assert turned == pytest.approx(np.array([[0.2, -0.1, 0.3]]))
-    assert mounting([0.0, 0.0, 0.0]) == pytest.approx(np.eye(3))
+    assert point_motion.mounting([0.0, 0.0, 0.0]) == pytest.approx(np.eye(3))
 
 
 def test_reading_and_way_back():
     """`origin_motion` undoes `imu_reading` to rounding, for any place, turn and motion."""
     a, turning, omega = np.random.default_rng(2).normal(size=(3, 50, 3))
-    reading = imu_reading(a, turning, omega, HEAD, mounting([10.0, -20.0, 120.0]))
-    back = origin_motion(*reading, omega, HEAD, [10.0, -20.0, 120.0])
+    reading = point_motion.imu_reading(a, turning, omega, HEAD, point_motion.mounting([10.0, -20.0, 120.0]))
+    back = point_motion.origin_motion(*reading, omega, HEAD, [10.0, -20.0, 120.0])
     assert back[0] == pytest.approx(a, abs=1e-12)
     assert back[1] == pytest.approx(turning, abs=1e-12)
 
@@ -124,11 +127,13 @@ def test_figures_and_words_of_a_point(run):
     for axes in figures.values():
         for axis, threshold in (("x", 0.063), ("y", 0.057), ("z", 0.154)):
             assert axes[axis]["peak_over_threshold"] == pytest.approx(axes[axis]["peak_band_m_s2"] / threshold)
-    assert [text.split(":")[0] for name, text in facts(run.summary) if name == "point"] == ["driver_head", "below"]
-    figure = points(Signals.of_run(run))
-    assert figure is not None
+    assert [text.split(":")[0] for name, text in summary_table.facts(run.summary) if name == "point"] == [
+        "driver_head",
+        "below",
+    ]
+    figure = figures_of_run.run_figures(Signals.of_run(run))["points"]
     assert {line.get_label() for line in figure.axes[0].lines} >= {"driver_head", "below"}
-    assert label_of("acceleration_at_driver_head_z_m_s2") == "acceleration at driver_head z"
+    assert table.label_of("acceleration_at_driver_head_z_m_s2") == "acceleration at driver_head z"
 
 
 def test_points_are_of_a_platform(bench, hexapod):

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim import HexsimError
+from hexsim.hydraulics import parameters
+from hexsim.hydraulics import supply as supplies
+from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve, warm_oil
-from hexsim.hydraulics.supply import CONSTANT, POWER_UNIT, S
 from hexsim.machine.files import changed
 
 
@@ -15,8 +16,8 @@ def test_without_effects_everything_is_as_declared(name, request):
     """Rows, constant supply, load, sensors and gravity of the file; no payload mode."""
     machine = request.getfixturevalue(name)
     made = resolve(machine)
-    np.testing.assert_array_equal(made.rows, declared_rows(machine))
-    assert made.supply[S.MODEL] == CONSTANT and made.supply[S.PRESSURE] == 7.0e6
+    np.testing.assert_array_equal(made.rows, parameters.declared_rows(machine))
+    assert made.supply[supplies.S.MODEL] == supplies.CONSTANT and made.supply[supplies.S.PRESSURE] == 7.0e6
     assert made.load == machine.load and made.sensors == machine.sensors
     np.testing.assert_array_equal(made.gravity_m_s2, [0, 0, -9.8])
     assert made.payload_modes == []
@@ -55,8 +56,8 @@ def test_spool_lags_add_up(bench):
 def test_power_unit_gives_the_supply_its_states(hexapod):
     """A [power_unit] is the supply, with oil as cold as it says; at 35 degC the rows are as declared."""
     made = resolve(changed(hexapod, {"power_unit.oil_temperature_degC": 35.0}))
-    assert made.supply[S.MODEL] == POWER_UNIT
-    np.testing.assert_allclose(made.rows, declared_rows(hexapod), rtol=1e-14)
+    assert made.supply[supplies.S.MODEL] == supplies.POWER_UNIT
+    np.testing.assert_allclose(made.rows, parameters.declared_rows(hexapod), rtol=1e-14)
     cold = resolve(changed(hexapod, {"power_unit.oil_temperature_degC": 10.0}))
     assert cold.oil_temperature_degC == 10.0
     assert np.all(cold.rows[:, P.VISCOUS_EXTEND] > 1.2 * made.rows[:, P.VISCOUS_EXTEND])
@@ -76,7 +77,7 @@ def test_warming_and_cooling_is_a_round_trip(hexapod):
     warm_oil(made, 60.0)
     softer = 10 ** (-0.0024 * 25)  # Hayward 1970: 13 % over 25 K
     np.testing.assert_allclose(made.rows[:, P.BULK_MODULUS], softer * rows[:, P.BULK_MODULUS], rtol=1e-12)
-    assert made.supply[S.BULK_MODULUS] == pytest.approx(softer * supply[S.BULK_MODULUS], rel=1e-12)
+    assert made.supply[supplies.S.BULK_MODULUS] == pytest.approx(softer * supply[supplies.S.BULK_MODULUS], rel=1e-12)
     np.testing.assert_allclose(made.rows[:, P.DENSITY], 860 * (1 - 7e-4 * 25), rtol=1e-12)
     np.testing.assert_array_equal(made.rows[rows == 0.0], 0.0)
     warm_oil(made, 35.0)

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.motion_computer import monitors, states
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.guidance import Guidance
-from hexsim.motion_computer.monitors import Tolerances, velocity_gain
-from hexsim.motion_computer.states import State
 
 MACHINE = load_machine("micro_motion_system")
 SUPPLY = 7.0e6
@@ -20,15 +19,15 @@ TICK = 0.002
 class IdealMachine:
     """Six integrators behind the motion computer; transducer noise of 3 um; pressures that carry the load."""
 
-    def __init__(self, state=State.NEUTRAL, machine=MACHINE, **options):
+    def __init__(self, state=states.State.NEUTRAL, machine=MACHINE, **options):
         self.computer = MotionComputer(machine, state=state, **options)
-        start = 0.1 if state == State.NEUTRAL else 0.004
+        start = 0.1 if state == states.State.NEUTRAL else 0.004
         self.positions = np.full(6, start)
         self.pressures = np.full(6, 4.0e6)
         self.supply, self.time = SUPPLY, 0.0
         self.setpoints, self.volts = [], []
         self.random = np.random.default_rng(0)
-        self.gain = velocity_gain(machine)
+        self.gain = monitors.velocity_gain(machine)
 
     def run(self, seconds, wanted=None, reading=lambda y: y):
         for _ in range(round(seconds / TICK)):
@@ -54,14 +53,14 @@ def heave(time):
 
 def test_start_neutral_manual_and_back_to_rest() -> None:
     """off, starting, neutral, manual, neutral, settling, off: in this order, and at rest where it says so."""
-    machine = IdealMachine(State.OFF)
+    machine = IdealMachine(states.State.OFF)
     computer = machine.computer
     machine.run(0.1)
-    assert computer.state == State.OFF and not computer.pump_on and not np.any(machine.volts)
+    assert computer.state == states.State.OFF and not computer.pump_on and not np.any(machine.volts)
     computer.command("start", machine.time)
     assert computer.pump_on
     machine.run(8.0)
-    assert computer.state == State.NEUTRAL and computer.arrived
+    assert computer.state == states.State.NEUTRAL and computer.arrived
     assert machine.positions == pytest.approx(np.full(6, 0.1), abs=1e-4)
     computer.command("run_manual", machine.time)
     begin = machine.time
@@ -71,7 +70,7 @@ def test_start_neutral_manual_and_back_to_rest() -> None:
     assert computer.arrived and machine.positions == pytest.approx(np.full(6, 0.1), abs=1e-3)
     computer.command("settle", machine.time)
     machine.run(10.0)
-    assert computer.state == State.OFF and not computer.pump_on
+    assert computer.state == states.State.OFF and not computer.pump_on
     assert machine.positions == pytest.approx(np.full(6, 0.004))
     assert [after for _, _, _, after in computer.events] == [
         "starting",
@@ -83,7 +82,9 @@ def test_start_neutral_manual_and_back_to_rest() -> None:
     ]
 
 
-@pytest.mark.parametrize(("command", "after"), [("return_neutral", State.NEUTRAL), ("settle", State.SETTLING)])
+@pytest.mark.parametrize(
+    ("command", "after"), [("return_neutral", states.State.NEUTRAL), ("settle", states.State.SETTLING)]
+)
 def test_guidance_keeps_its_limits_from_any_motion(command, after) -> None:
     """Out of the middle of a fast heave: velocity and acceleration of the setpoints stay within those of the guidance
     (braking: within the stop's), and neither jumps."""
@@ -93,14 +94,14 @@ def test_guidance_keeps_its_limits_from_any_motion(command, after) -> None:
     machine.computer.command(command, machine.time)
     before = len(machine.setpoints)
     machine.run(7.0)
-    assert machine.computer.state in (after, State.OFF)
+    assert machine.computer.state in (after, states.State.OFF)
     _, velocity, acceleration = derivatives(machine.setpoints[before - 3 :])
     assert np.abs(acceleration).max() <= guidance.stop_acceleration_m_s2 * 1.02  # of a tick's chord
     assert np.abs(np.diff(velocity, axis=0)).max() <= guidance.stop_acceleration_m_s2 * TICK * 1.02
     moving = slice(400, None)  # the stop is over after 0.3 s
     speed, change = (
         (guidance.neutral_velocity_m_s, guidance.neutral_acceleration_m_s2)
-        if after == State.NEUTRAL
+        if after == states.State.NEUTRAL
         else (guidance.settle_velocity_m_s, guidance.settle_acceleration_m_s2)
     )
     assert np.abs(velocity[moving]).max() <= speed * 1.001
@@ -147,7 +148,7 @@ def test_each_monitor_leads_to_fault_and_down(what, error) -> None:
     assert machine.computer.errors == Error.NONE
     what(machine)
     machine.run(1.0, heave)
-    assert machine.computer.state == State.FAULT
+    assert machine.computer.state == states.State.FAULT
     assert machine.computer.errors & error
     machine.run(7.0)
     assert machine.computer.arrived and not machine.computer.pump_on
@@ -155,16 +156,16 @@ def test_each_monitor_leads_to_fault_and_down(what, error) -> None:
     _, _, acceleration = derivatives(machine.setpoints)
     assert np.abs(acceleration[500:]).max() < 1.6  # 0.05 m at 0.5 Hz: 0.5 m/s2; braking: 1 m/s2
     machine.computer.command("reset", machine.time)
-    assert machine.computer.state == State.OFF and machine.computer.errors == Error.NONE
+    assert machine.computer.state == states.State.OFF and machine.computer.errors == Error.NONE
 
 
 def test_one_bad_reading_is_bridged_and_three_are_a_fault() -> None:
     """A single NaN or jump does not reach the valves and is no error; three in a row are."""
     for bad, times, state in (
-        (np.nan, 1, State.MANUAL),
-        (0.15, 2, State.MANUAL),
-        (np.nan, 3, State.FAULT),
-        (0.15, 3, State.FAULT),
+        (np.nan, 1, states.State.MANUAL),
+        (0.15, 2, states.State.MANUAL),
+        (np.nan, 3, states.State.FAULT),
+        (0.15, 3, states.State.FAULT),
     ):
         machine = IdealMachine()
         machine.computer.command("run_manual", 0.0)
@@ -185,7 +186,7 @@ def test_a_frozen_reading_is_found_only_in_motion() -> None:
     """Equal readings for 0.1 s while the leg is driven are a fault; at rest they are natural."""
     machine = IdealMachine()
     machine.run(1.0)
-    assert machine.computer.state == State.NEUTRAL
+    assert machine.computer.state == states.State.NEUTRAL
     machine.computer.command("run_manual", machine.time)
     begin = machine.time
     machine.run(1.0, lambda t: heave(t - begin))
@@ -196,7 +197,7 @@ def test_a_frozen_reading_is_found_only_in_motion() -> None:
         return y
 
     machine.run(0.15, lambda t: heave(t - begin), reading)
-    assert machine.computer.state == State.FAULT and machine.computer.errors == Error.SENSOR
+    assert machine.computer.state == states.State.FAULT and machine.computer.errors == Error.SENSOR
 
 
 def test_the_lag_of_the_loop_is_no_error() -> None:
@@ -209,7 +210,7 @@ def test_the_lag_of_the_loop_is_no_error() -> None:
         machine.run(4.0, heave)
         assert not machine.computer.findings
         lag = np.abs(np.array(machine.setpoints[-500:])[:, 0] - machine.positions[0]).max()
-        assert lag > Tolerances().leg_error_m
+        assert lag > monitors.Tolerances().leg_error_m
 
 
 def test_a_lost_transducer_is_replaced_by_the_model() -> None:
@@ -229,7 +230,7 @@ def test_a_lost_transducer_is_replaced_by_the_model() -> None:
         if not machine.computer.arrived:
             apart.append(abs(machine.positions[0] - machine.positions[1]))
     assert len(apart) > 50 and max(apart) < 1e-3
-    assert machine.computer.state == State.FAULT
+    assert machine.computer.state == states.State.FAULT
 
 
 def test_without_supply_pressure_no_valve_is_opened_upwards() -> None:
@@ -251,4 +252,4 @@ def test_a_bench_has_a_motion_computer_too() -> None:
     bench = changed(load_machine("bench"), {})
     computer = MotionComputer(bench)
     assert computer.tick(0.0, None, np.array([0.1]), np.array([3e6]), SUPPLY) == pytest.approx([0.0])
-    assert computer.state == State.NEUTRAL
+    assert computer.state == states.State.NEUTRAL

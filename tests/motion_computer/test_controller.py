@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine.files import changed
-from hexsim.motion_computer import controller
-from hexsim.motion_computer.controller import C, M
+from hexsim.motion_computer import controller, loop_model
 from hexsim.motion_computer.declared_control import control_of
-from hexsim.motion_computer.loop_model import controller_matrices, reduced, transfer
 
 T = 1 / 500
 FREQUENCIES = np.array([0.5, 2.0, 7.0, 20.0, 60.0, 120.0])
@@ -34,7 +32,9 @@ def play(control, setpoint, position=None, pressure=None):
 
 def answer(control, frequency_Hz, mass=40.0):
     """(setpoint, position, pressure) to volts at the frequencies: (n, 3)."""
-    return transfer(reduced(controller_matrices(control, mass)), np.exp(2j * np.pi * frequency_Hz * T))[:, 0]
+    return loop_model.transfer(
+        loop_model.reduced(loop_model.controller_matrices(control, mass)), np.exp(2j * np.pi * frequency_Hz * T)
+    )[:, 0]
 
 
 def test_gain_alone_is_the_proportional_loop_of_the_report(bench):
@@ -175,7 +175,7 @@ def test_feed_forward_of_a_parabola_and_a_cubic(bench):
     with_load = declared(bench, velocity_feed_forward_V_s_per_m=8.0, load_feed_forward=True, gain_V_per_m=1e-3)
     row, memory = with_load.rows[0], controller.new_memory(1)
     difference = play(with_load, cubic, cubic)[-1] - 8.0 * np.diff(cubic)[-1] / T
-    m, b, flexible = bench.load.moving_mass_kg, row[C.VISCOUS], row[C.FLEXIBILITY]
+    m, b, flexible = bench.load.moving_mass_kg, row[controller.C.VISCOUS], row[controller.C.FLEXIBILITY]
     assert with_load.inertia[0, 0] == pytest.approx(m)
     assert memory.shape == (1, controller.N_MEMORY)
     # F = m r'' + b r' + F_c tanh(r'/TURN) from differences; its own difference over one tick
@@ -193,7 +193,7 @@ def test_pressure_feedback_leaves_the_demanded_pressure_alone(bench):
     for k in range(400):
         ahead = memory.copy()
         controller.tick(control, ahead, path[k : k + 1], path[k : k + 1], np.zeros(1), volts[k])
-        demanded = 3e6 + ahead[0, M.FORCE] / control.rows[0, C.AREA]
+        demanded = 3e6 + ahead[0, controller.M.FORCE] / control.rows[0, controller.C.AREA]
         controller.tick(control, memory, path[k : k + 1], path[k : k + 1], np.array([demanded]), volts[k])
     assert np.abs(volts).max() < 1e-6
 
@@ -220,7 +220,9 @@ def test_filters_converge_to_the_analogue_ones_with_second_order(bench):
             velocity_filter_Hz=30.0,
             gain_V_per_m=1e-3,
         )
-        found = transfer(reduced(controller_matrices(control, 40.0)), np.exp([2j * np.pi * 20.0 / rate]))[0, 0]
+        found = loop_model.transfer(
+            loop_model.reduced(loop_model.controller_matrices(control, 40.0)), np.exp([2j * np.pi * 20.0 / rate])
+        )[0, 0]
         s = 2j * math.pi * 20.0
         high = -1e-7 * s / (s + 2 * math.pi * 10.0)
         slope = -1e-3 - 2 * math.pi * 30.0 * s / (s + 2 * math.pi * 30.0)

@@ -9,9 +9,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.cueing.washout import Washout, poses, specific_force
-from hexsim.machine import load_machine
-from hexsim.machine.geometry import machine_kinematics
+from hexsim.cueing import washout
+from hexsim.machine import geometry, load_machine
 
 PATH = Path(__file__).parents[2] / "examples" / "motion_cueing.py"
 RATE_Hz = 500.0
@@ -20,14 +19,14 @@ TIME = np.arange(0.0, 40.0, 1.0 / RATE_Hz)
 
 def test_position_returns_to_the_middle() -> None:
     """A lasting acceleration moves the platform and then lets it come back: the high-pass has no steady part."""
-    position = poses(Washout(scale=1.0), np.ones((len(TIME), 3)))[:, 0]
+    position = washout.poses(washout.Washout(scale=1.0), np.ones((len(TIME), 3)))[:, 0]
     assert np.abs(position).max() > 0.05
     assert abs(position[-1]) < 1e-4
 
 
 def test_a_quick_acceleration_passes_at_once() -> None:
     """Right after a step of 1 m/s2 the platform's acceleration is 1 m/s2: to 2 % a tenth of a tick over w."""
-    position = poses(Washout(scale=1.0), np.ones((len(TIME), 3)))[:, 0]
+    position = washout.poses(washout.Washout(scale=1.0), np.ones((len(TIME), 3)))[:, 0]
     step = TIME[1]
     begin = (position[3] - 2 * position[2] + position[1]) / step**2
     assert begin == pytest.approx(1.0, abs=0.03)  # 3 ticks of 2 ms times 2 w + w_b = 5.3 rad/s
@@ -38,9 +37,9 @@ def test_a_lasting_acceleration_is_felt_as_tilt() -> None:
     than 3 deg/s."""
     acceleration = np.zeros((len(TIME), 3))
     acceleration[:, 0] = 2.0
-    pose = poses(Washout(), acceleration)
-    kinematics = machine_kinematics(load_machine("micro_motion_system"))
-    felt = specific_force(kinematics.rotation(pose[-1:]), np.zeros((1, 3)))[0]
+    pose = washout.poses(washout.Washout(), acceleration)
+    kinematics = geometry.machine_kinematics(load_machine("micro_motion_system"))
+    felt = washout.specific_force(kinematics.rotation(pose[-1:]), np.zeros((1, 3)))[0]
     assert felt[0] == pytest.approx(0.6, rel=0.01)
     assert pose[-1, 4] < 0.0
     assert np.abs(np.diff(pose[:, 3:5], axis=0)).max() * RATE_Hz <= np.radians(3.0) * 1.001
@@ -51,7 +50,7 @@ def test_leaning_begins_and_ends_without_a_step_of_angular_acceleration() -> Non
     its largest value, for two lags of 25 ms pass 2 ms / 25 ms = 8 % a tick; a single lag passes a kink of rate whole."""
     acceleration = np.zeros((len(TIME), 3))
     acceleration[2500:, 0] = 2.0
-    angular = np.diff(poses(Washout(), acceleration)[:, 4], 2) * RATE_Hz**2
+    angular = np.diff(washout.poses(washout.Washout(), acceleration)[:, 4], 2) * RATE_Hz**2
     assert np.abs(np.diff(angular)).max() < 0.1 * np.abs(angular).max()
 
 
@@ -59,9 +58,9 @@ def test_acceleration_to_the_left_is_felt_to_the_left() -> None:
     """The same for a lasting acceleration to the left: roll gives it its sign."""
     acceleration = np.zeros((len(TIME), 3))
     acceleration[:, 1] = 2.0
-    pose = poses(Washout(), acceleration)
-    kinematics = machine_kinematics(load_machine("micro_motion_system"))
-    felt = specific_force(kinematics.rotation(pose[-1:]), np.zeros((1, 3)))[0]
+    pose = washout.poses(washout.Washout(), acceleration)
+    kinematics = geometry.machine_kinematics(load_machine("micro_motion_system"))
+    felt = washout.specific_force(kinematics.rotation(pose[-1:]), np.zeros((1, 3)))[0]
     assert felt[1] == pytest.approx(0.6, rel=0.01)
 
 

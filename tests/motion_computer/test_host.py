@@ -6,13 +6,12 @@ import struct
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
+from hexsim.motion_computer import host_packet, states
+from hexsim.motion_computer import limits as motion_limits
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_buffer import HostBuffer
-from hexsim.motion_computer.host_packet import COMMAND, REPLY, HostCommand, Reply, unpack_command, unpack_reply
-from hexsim.motion_computer.limits import CommandLimiter, Limits, dof_limits, soft_legs
-from hexsim.motion_computer.states import State
 
 MACHINE = load_machine("micro_motion_system")
 SIX = (0.01, -0.02, 0.03, 0.1, -0.2, 0.3)
@@ -20,12 +19,12 @@ SIX = (0.01, -0.02, 0.03, 0.1, -0.2, 0.3)
 
 def test_packets_have_their_documented_layout() -> None:
     """72 and 136 bytes; each field stands at its documented offset."""
-    data = HostCommand(sequence=7, time_s=1.5, setpoints=SIX, command="run_normal", mode=1).pack()
-    assert (len(data), REPLY.size) == (72, 136)
+    data = host_packet.HostCommand(sequence=7, time_s=1.5, setpoints=SIX, command="run_normal", mode=1).pack()
+    assert (len(data), host_packet.REPLY.size) == (72, 136)
     assert data[:4] == b"HXC1"
     assert struct.unpack_from("<HHII", data, 4) == (3, 1, 7, 0)
     assert struct.unpack_from("<d6d", data, 16) == (1.5, *SIX)
-    more = HostCommand(
+    more = host_packet.HostCommand(
         sequence=7, time_s=1.5, setpoints=SIX, command="run_normal", mode=1, derivatives=(SIX[::-1], SIX)
     )
     assert len(more.pack()) == 168 and more.pack()[:4] == b"HXC2" and more.pack()[4:72] == data[4:]
@@ -34,12 +33,12 @@ def test_packets_have_their_documented_layout() -> None:
 
 def test_packets_survive_the_wire() -> None:
     """Packing and unpacking gives back the same command and the same reply."""
-    command = HostCommand(sequence=2**32 - 1, time_s=-3.0, setpoints=SIX, command="settle")
-    assert unpack_command(command.pack()) == command
-    more = HostCommand(sequence=3, time_s=0.5, setpoints=SIX, derivatives=(SIX[::-1], SIX))
-    assert unpack_command(more.pack()) == more
-    reply = Reply(
-        state=State.FAULT,
+    command = host_packet.HostCommand(sequence=2**32 - 1, time_s=-3.0, setpoints=SIX, command="settle")
+    assert host_packet.unpack_command(command.pack()) == command
+    more = host_packet.HostCommand(sequence=3, time_s=0.5, setpoints=SIX, derivatives=(SIX[::-1], SIX))
+    assert host_packet.unpack_command(more.pack()) == more
+    reply = host_packet.Reply(
+        state=states.State.FAULT,
         errors=Error.SENSOR | Error.WORKSPACE,
         sequence=9,
         arrived=True,
@@ -50,14 +49,14 @@ def test_packets_survive_the_wire() -> None:
         pose=SIX,
         reference=SIX[::-1],
     )
-    assert unpack_reply(reply.pack()) == reply
+    assert host_packet.unpack_reply(reply.pack()) == reply
 
 
 def test_what_is_no_reply_is_said() -> None:
     """Another size, another version, a state that there is not, times that are not finite, poses that cannot be: each in its
     words, so that a host can tell a machine of another version from silence. A pose that is not known is no lie."""
-    good = Reply(
-        state=State.NORMAL,
+    good = host_packet.Reply(
+        state=states.State.NORMAL,
         errors=Error.NONE,
         sequence=9,
         arrived=True,
@@ -68,18 +67,18 @@ def test_what_is_no_reply_is_said() -> None:
         pose=SIX,
         reference=SIX,
     ).pack()
-    assert "3 bytes that begin with b'abc'; expected 136" in unpack_reply(b"abc")
-    assert "another version, b'HXS2'" in unpack_reply(b"HXS2" + good[4:])
-    assert "unknown state 77" in unpack_reply(good[:4] + struct.pack("<H", 77) + good[6:])
+    assert "3 bytes that begin with b'abc'; expected 136" in host_packet.unpack_reply(b"abc")
+    assert "another version, b'HXS2'" in host_packet.unpack_reply(b"HXS2" + good[4:])
+    assert "unknown state 77" in host_packet.unpack_reply(good[:4] + struct.pack("<H", 77) + good[6:])
     for value in (float("nan"), float("inf"), 1e300):
         for at, said in ((16, "times"), (24, "times"), (32, "times"), (40, "poses"), (128, "poses")):
-            changed = unpack_reply(good[:at] + struct.pack("<d", value) + good[at + 8 :])
-            assert isinstance(changed, Reply) if value != value and said == "poses" else said in changed
+            changed = host_packet.unpack_reply(good[:at] + struct.pack("<d", value) + good[at + 8 :])
+            assert isinstance(changed, host_packet.Reply) if value != value and said == "poses" else said in changed
 
 
 def test_what_is_no_command_is_said() -> None:
     """Wrong length, magic, number, mode, reserved field, NaN, infinite or absurd numbers: never an exception."""
-    good = HostCommand(sequence=1, time_s=0.0, setpoints=SIX).pack()
+    good = host_packet.HostCommand(sequence=1, time_s=0.0, setpoints=SIX).pack()
     bad = [
         good[:-1],
         good + b"x",
@@ -89,26 +88,26 @@ def test_what_is_no_command_is_said() -> None:
         good[:6] + b"\x02\x00" + good[8:],
     ]
     bad.append(good[:12] + b"\x01" + good[13:])
-    more = HostCommand(sequence=1, time_s=0.0, setpoints=SIX, derivatives=(SIX, SIX)).pack()
+    more = host_packet.HostCommand(sequence=1, time_s=0.0, setpoints=SIX, derivatives=(SIX, SIX)).pack()
     bad += [more[:-8], b"HXC1" + more[4:], more[:-8] + struct.pack("<d", float("nan")), more[:72] + b"\xff" * 96]
     for value in (float("nan"), float("inf"), -1e300):
-        bad.append(COMMAND.pack(b"HXC1", 0, 0, 1, 0, 0.0, *SIX[:5], value))
-    bad.append(COMMAND.pack(b"HXC1", 0, 0, 1, 0, float("nan"), *SIX))
-    assert all(isinstance(unpack_command(data), str) for data in bad)
-    assert isinstance(unpack_command(good), HostCommand)
+        bad.append(host_packet.COMMAND.pack(b"HXC1", 0, 0, 1, 0, 0.0, *SIX[:5], value))
+    bad.append(host_packet.COMMAND.pack(b"HXC1", 0, 0, 1, 0, float("nan"), *SIX))
+    assert all(isinstance(host_packet.unpack_command(data), str) for data in bad)
+    assert isinstance(host_packet.unpack_command(good), host_packet.HostCommand)
 
 
 def test_random_bytes_never_raise() -> None:
     """Ten thousand packets of noise, and of single bits turned in good ones (seeded), are survived."""
     source = random.Random(1)
     buffer = HostBuffer()
-    good = HostCommand(sequence=1, time_s=0.5, setpoints=SIX).pack()
+    good = host_packet.HostCommand(sequence=1, time_s=0.5, setpoints=SIX).pack()
     for k in range(10_000):
         data = bytearray(good) if k % 2 else bytearray(source.randbytes(source.randrange(0, 160)))
         for _ in range(source.randrange(1, 4) if data else 0):
             data[source.randrange(len(data))] ^= 1 << source.randrange(8)
-        command = unpack_command(bytes(data))
-        if isinstance(command, HostCommand):
+        command = host_packet.unpack_command(bytes(data))
+        if isinstance(command, host_packet.HostCommand):
             buffer.add(command, k * 0.002)
         assert all(np.isfinite(part).all() for part in buffer.target(k * 0.002))
 
@@ -128,7 +127,7 @@ def sine_packets(rate_Hz, duration=2.0, amplitude=0.05, frequency=0.5):
     for k in range(int(duration * rate_Hz)):
         t = k / rate_Hz
         z = amplitude * np.sin(2 * np.pi * frequency * t)
-        yield t, HostCommand(sequence=k, time_s=100.0 + t, setpoints=(0.0, 0.0, z, 0.0, 0.0, 0.0))
+        yield t, host_packet.HostCommand(sequence=k, time_s=100.0 + t, setpoints=(0.0, 0.0, z, 0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("rate_Hz", [60, 200, 500])
@@ -165,17 +164,17 @@ def test_loss_reorder_and_doubles_change_little() -> None:
 def test_a_host_that_starts_anew_is_heard_again() -> None:
     """A new host, with another clock and sequence, is refused while the old one is heard and taken after a second."""
     buffer = HostBuffer()
-    assert buffer.add(HostCommand(sequence=500, time_s=10.0, setpoints=SIX), 0.0)
-    assert not buffer.add(HostCommand(sequence=0, time_s=0.0, setpoints=SIX), 0.5)
-    assert buffer.add(HostCommand(sequence=0, time_s=0.6, setpoints=SIX), 1.1)
+    assert buffer.add(host_packet.HostCommand(sequence=500, time_s=10.0, setpoints=SIX), 0.0)
+    assert not buffer.add(host_packet.HostCommand(sequence=0, time_s=0.0, setpoints=SIX), 0.5)
+    assert buffer.add(host_packet.HostCommand(sequence=0, time_s=0.6, setpoints=SIX), 1.1)
     assert buffer.counts["sessions"] == 2
 
 
 def test_the_sequence_wraps() -> None:
     """After 2**32 - 1 comes 0."""
     buffer = HostBuffer()
-    assert buffer.add(HostCommand(sequence=2**32 - 1, time_s=0.0, setpoints=SIX), 0.0)
-    assert buffer.add(HostCommand(sequence=0, time_s=0.01, setpoints=SIX), 0.01)
+    assert buffer.add(host_packet.HostCommand(sequence=2**32 - 1, time_s=0.0, setpoints=SIX), 0.0)
+    assert buffer.add(host_packet.HostCommand(sequence=0, time_s=0.01, setpoints=SIX), 0.01)
 
 
 @pytest.mark.parametrize("first", [False, True])
@@ -186,7 +185,9 @@ def test_one_wrong_packet_stands_in_the_way_of_no_more_than_three(ahead_s, seque
     packets = list(sine_packets(200))
     place = 0 if first else 200
     t, right = packets[place]
-    wrong = HostCommand(sequence=right.sequence + sequences, time_s=right.time_s + ahead_s, setpoints=right.setpoints)
+    wrong = host_packet.HostCommand(
+        sequence=right.sequence + sequences, time_s=right.time_s + ahead_s, setpoints=right.setpoints
+    )
     packets[place] = t, wrong
     buffer, times, targets = played(packets)
     assert buffer.counts["accepted"] >= len(packets) - 4
@@ -207,7 +208,7 @@ def test_a_stream_with_wrong_packets_is_heard_on_fuzzed() -> None:
                 time_s += source.choice([-1, 1]) * 10 ** source.uniform(-2, 6)
             elif wrong:
                 sequence += source.choice([-1, 1]) * round(10 ** source.uniform(1, 9))
-            command = HostCommand(sequence=sequence % 2**32, time_s=time_s, setpoints=SIX)
+            command = host_packet.HostCommand(sequence=sequence % 2**32, time_s=time_s, setpoints=SIX)
             right += not wrong
             if buffer.add(command, 0.01 * k) and not wrong:
                 used.append(k)
@@ -220,8 +221,8 @@ ONE_AXIS = {"excursion": 0.1, "velocity": 0.3, "acceleration": 3.0, "jerk": 300.
 
 
 def run_limiter(target, duration=4.0, dt=0.002, limits=None):
-    limits = limits or Limits(**{name: np.array([value]) for name, value in ONE_AXIS.items()})
-    limiter, out = CommandLimiter(limits), []
+    limits = limits or motion_limits.Limits(**{name: np.array([value]) for name, value in ONE_AXIS.items()})
+    limiter, out = motion_limits.CommandLimiter(limits), []
     for t in np.arange(0, duration, dt):
         out.append(limiter.step(*(np.array([value]) for value in target(t)), dt)[0])
     out = np.array(out)
@@ -262,7 +263,7 @@ def test_a_step_is_smoothed_to_the_limits(height: float) -> None:
 
 def test_dof_limits_keep_every_single_motion_inside() -> None:
     """Each degree of freedom alone at its limit keeps all legs inside their strokes."""
-    kinematics, limits = MACHINE.mechanics, dof_limits(MACHINE)
+    kinematics, limits = MACHINE.mechanics, motion_limits.dof_limits(MACHINE)
     for sign in (-1, 1):
         kinematics.check_trajectory(np.arange(6.0), sign * np.diag(limits.excursion))
 
@@ -271,16 +272,16 @@ def test_no_leg_is_sent_into_its_cushion() -> None:
     """Leg setpoints far outside are held clear of the cushions, monotonic; ones inside pass unchanged."""
     stroke, cushion = 0.2, 0.005
     asked = np.linspace(-0.5, 0.7, 2001)
-    held, touched = soft_legs(asked, stroke, cushion)
+    held, touched = motion_limits.soft_legs(asked, stroke, cushion)
     assert touched
     assert held.min() >= cushion + 0.005 - 1e-12 and held.max() <= stroke - cushion - 0.005 + 1e-12
     assert (np.diff(held) >= 0).all()
     same = (asked > 0.02) & (asked < 0.18)
     assert np.array_equal(held[same], asked[same])
-    assert soft_legs(np.array([0.1, 0.15]), stroke, cushion)[1] is False
+    assert motion_limits.soft_legs(np.array([0.1, 0.15]), stroke, cushion)[1] is False
 
 
 def test_limits_must_be_positive() -> None:
     """A limit of zero would lock the platform: refused with a sentence."""
     with pytest.raises(HexsimError, match=r"limits: velocity is .*; give a number above zero for each coordinate"):
-        Limits(excursion=np.ones(6), velocity=np.zeros(6), acceleration=np.ones(6), jerk=np.ones(6))
+        motion_limits.Limits(excursion=np.ones(6), velocity=np.zeros(6), acceleration=np.ones(6), jerk=np.ones(6))

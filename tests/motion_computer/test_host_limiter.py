@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.host_limiter import MEMORY, Gate, HostLimiter, PERIOD_s, setpoints_of
-from hexsim.motion_computer.host_packet import LARGEST
-from hexsim.tracing.design.motions import KINDS, MotionFamily
+from hexsim.motion_computer import host_limiter, host_packet
+from hexsim.tracing.design import motions
 
 MACHINES = {name: load_machine(name) for name in ("bench", "micro_motion_system")}
 FIGURES = {"m": (0.3, 3.0, 300.0), "rad": tuple(np.radians([20.0, 150.0, 15_000.0]))}  # docs/identify.md
@@ -20,9 +19,9 @@ FIGURES = {"m": (0.3, 3.0, 300.0), "rad": tuple(np.radians([20.0, 150.0, 15_000.
 def derivatives(rows):
     """Differences of a motion that begins and ends at rest, written out: speed, acceleration, jerk."""
     x = np.concatenate([np.zeros((3, rows.shape[1])), rows, np.zeros((3, rows.shape[1]))])
-    v = (x[1:] - x[:-1]) / PERIOD_s
-    a = (v[1:] - v[:-1]) / PERIOD_s
-    return v, a, (a[1:] - a[:-1]) / PERIOD_s
+    v = (x[1:] - x[:-1]) / host_limiter.PERIOD_s
+    a = (v[1:] - v[:-1]) / host_limiter.PERIOD_s
+    return v, a, (a[1:] - a[:-1]) / host_limiter.PERIOD_s
 
 
 def assert_within(machine, rows, share=1.0):
@@ -40,7 +39,7 @@ def assert_within(machine, rows, share=1.0):
 
 def any_motion(width):
     """Rows of anything: noise, jumps, constants, a metre and a thousand of them."""
-    sizes = st.sampled_from([1e-4, 0.01, 0.1, 1.0, LARGEST])
+    sizes = st.sampled_from([1e-4, 0.01, 0.1, 1.0, host_packet.LARGEST])
     return st.integers(1, 150).flatmap(
         lambda m: sizes.flatmap(lambda size: arrays(float, (m, width), elements=st.floats(-size, size)))
     )
@@ -56,7 +55,7 @@ def test_any_motion_in_one_within_the_limits_out(name, data):
     rows = np.zeros((150, 6))
     given_rows = data.draw(any_motion(len(axes)))
     rows[: len(given_rows), axes] = given_rows
-    limiter = HostLimiter(machine)
+    limiter = host_limiter.HostLimiter(machine)
     found = limiter.limit(rows)
     assert_within(machine, found)
     assert np.array_equal(limiter.limit(found), found)
@@ -68,8 +67,8 @@ def test_any_motion_in_one_within_the_limits_out(name, data):
 def test_a_motion_within_the_limits_passes_unchanged(name, frequency, share, axis, phase):
     """A faded sine of any axis and frequency, scaled to a share of what is allowed, comes out to the bit."""
     machine = MACHINES[name]
-    limiter = HostLimiter(machine)
-    time = np.arange(400) * PERIOD_s
+    limiter = host_limiter.HostLimiter(machine)
+    time = np.arange(400) * host_limiter.PERIOD_s
     fade = np.sin(np.pi * time / 4.0) ** 4
     rows = np.zeros((400, 6))
     rows[:, axis if machine.is_hexapod else 2] = 1e-3 * fade * np.sin(2 * np.pi * frequency * time + phase)
@@ -85,7 +84,7 @@ def test_a_step_is_rounded_and_keeps_its_size(name):
     machine = MACHINES[name]
     rows = np.zeros((200, 6))
     rows[50:150, 2] = 0.02
-    found = HostLimiter(machine).limit(rows)
+    found = host_limiter.HostLimiter(machine).limit(rows)
     assert_within(machine, found)
     assert found[:, 2].max() == pytest.approx(0.02, rel=0.03)
 
@@ -95,7 +94,7 @@ def test_a_step_is_rounded_and_keeps_its_size(name):
 def test_every_designed_motion_is_within_the_limits(name, largest):
     """Of every kind, first points and random ones, scaled by the largest share: no packet needs to be limited."""
     machine = MACHINES[name]
-    family, made = MotionFamily(machine, 20.0, largest=largest), set()
+    family, made = motions.MotionFamily(machine, 20.0, largest=largest), set()
     low, high = np.transpose(family.bounds)
     points = [*family.first_points(16), *np.random.default_rng(5).uniform(low, high, (40, len(low)))]
     for point in points:
@@ -103,10 +102,10 @@ def test_every_designed_motion_is_within_the_limits(name, largest):
         if tables is None:
             continue
         made.add(next(iter(tables["axes"].values()))["kind"])
-        rows = setpoints_of(machine, tables)
+        rows = host_limiter.setpoints_of(machine, tables)
         assert_within(machine, rows, largest)
-        assert np.array_equal(HostLimiter(machine, largest).limit(rows), rows)
-    assert made == set(KINDS)
+        assert np.array_equal(host_limiter.HostLimiter(machine, largest).limit(rows), rows)
+    assert made == set(motions.KINDS)
 
 
 def test_the_limits_are_those_of_the_machine_file():
@@ -114,7 +113,7 @@ def test_the_limits_are_those_of_the_machine_file():
     machine = changed(MACHINES["bench"], {"host_limits.acceleration_m_s2": 1.5, "host_limits.stroke_share": 0.1})
     rows = np.zeros((300, 6))
     rows[:, 2] = 0.05 * np.sin(np.pi * np.arange(300) / 100) ** 3
-    found = HostLimiter(machine).limit(rows)
+    found = host_limiter.HostLimiter(machine).limit(rows)
     assert 0.0 < np.abs(found).max() <= 0.1 * 0.095
     assert np.abs(derivatives(found)[1]).max() <= 1.5 * (1 + 1e-6)
 
@@ -124,7 +123,7 @@ def test_the_limits_are_those_of_the_machine_file():
     [
         (np.full((9, 6), np.nan), "not finite"),
         (np.full((9, 6), np.inf), "not finite"),
-        (np.full((9, 6), 2 * LARGEST), "above 1000"),
+        (np.full((9, 6), 2 * host_packet.LARGEST), "above 1000"),
         (np.zeros((9, 5)), "shape"),
         (np.ones((9, 6)), "x, y, roll, pitch, yaw"),
     ],
@@ -132,32 +131,32 @@ def test_the_limits_are_those_of_the_machine_file():
 def test_what_is_no_motion_is_refused(rows, says):
     """Values that are not finite or absurd, a wrong shape, axes that a bench has not: a sentence each."""
     with pytest.raises(HexsimError, match=says):
-        HostLimiter(MACHINES["bench"]).limit(rows)
+        host_limiter.HostLimiter(MACHINES["bench"]).limit(rows)
 
 
 @pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.parametrize("kind", range(len(KINDS)))
+@pytest.mark.parametrize("kind", range(len(motions.KINDS)))
 def test_a_motion_that_is_broken_off_ends_within_the_limits(name, kind):
     """At any packet of a designed motion at its full size: what was sent and the way back keep every figure, end at neutral."""
     machine = MACHINES[name]
-    family, limiter = MotionFamily(machine, 10.0), HostLimiter(machine)
-    rows = setpoints_of(machine, family.scenario(np.array([kind, 2, 1.0, 0.35, 0.6, 0.3, 2])))
+    family, limiter = motions.MotionFamily(machine, 10.0), host_limiter.HostLimiter(machine)
+    rows = host_limiter.setpoints_of(machine, family.scenario(np.array([kind, 2, 1.0, 0.35, 0.6, 0.3, 2])))
     for k in range(1, len(rows), 83):
-        sent = np.concatenate([np.zeros((MEMORY + 1, 6)), rows[:k]])
-        back = limiter.way_back(sent[-MEMORY - 1 :], rows[k:])
+        sent = np.concatenate([np.zeros((host_limiter.MEMORY + 1, 6)), rows[:k]])
+        back = limiter.way_back(sent[-host_limiter.MEMORY - 1 :], rows[k:])
         assert_within(machine, np.concatenate([rows[:k], back]))
 
 
 def test_no_row_beyond_the_limits_leaves():
     """The last gate: a jump is not sent, and neither is anything but neutral by a host that knows no machine."""
-    gate = Gate(HostLimiter(MACHINES["bench"]))
+    gate = host_limiter.Gate(host_limiter.HostLimiter(MACHINES["bench"]))
     gate.let_out(np.zeros(6))
     with pytest.raises(HexsimError, match=r"acceleration of leg 1 is .* times what \[host_limits\] allows"):
         gate.let_out(np.array([0, 0, 0.005, 0, 0, 0]))
     with pytest.raises(HexsimError, match="was not sent"):
         gate.let_out(np.full(6, np.nan))
     assert not gate.sent.any()
-    blind = Gate(None)
+    blind = host_limiter.Gate(None)
     blind.let_out(np.zeros(6))
     with pytest.raises(HexsimError, match="without the machine's declaration"):
         blind.let_out(np.array([0, 0, 1e-6, 0, 0, 0]))

@@ -5,13 +5,11 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine
+from hexsim.motion_computer import host_packet, host_prediction, host_process
 from hexsim.motion_computer.host_buffer import HostBuffer
-from hexsim.motion_computer.host_packet import HostCommand
-from hexsim.motion_computer.host_prediction import AXES, KEPT, add_setpoint, new_prediction, predicted
-from hexsim.motion_computer.host_process import POINTS, TREND, add_process, fit_process
-from hexsim.simulation.hosted import Host, played
+from hexsim.simulation import hosted
 
 BENCH = load_machine("bench")
 TICK = 0.002
@@ -20,17 +18,17 @@ TICK = 0.002
 def test_a_polynomial_is_continued_exactly() -> None:
     """A quintic in each axis, at uneven times: 40 ms beyond the newest of 60 setpoints position within the
     predictors' floor of 2e-7 m, velocity 2e-5 m/s and acceleration 2e-3 m/s2: low orders keep a weight where they do as well."""
-    rng, prediction = np.random.default_rng(0), new_prediction()
-    powers = rng.normal(0.0, 0.05, (AXES, 6))
+    rng, prediction = np.random.default_rng(0), host_prediction.new_prediction()
+    powers = rng.normal(0.0, 0.05, (host_prediction.AXES, 6))
     times = np.cumsum(rng.uniform(0.01, 0.024, 60))
     truth = [np.polynomial.Polynomial(row) for row in powers]
     values = np.column_stack([one(times) for one in truth])
-    motions = np.full((60, 3, AXES), np.nan)
+    motions = np.full((60, 3, host_prediction.AXES), np.nan)
     motions[:, 0] = values
     for k in range(1, 61):
-        first = max(0, k - KEPT)
-        add_setpoint(prediction, times[first:k], motions[first:k], 0.017, 0.03)
-    found = predicted(prediction, times[-1] + 0.04)
+        first = max(0, k - host_prediction.KEPT)
+        host_prediction.add_setpoint(prediction, times[first:k], motions[first:k], 0.017, 0.03)
+    found = host_prediction.predicted(prediction, times[-1] + 0.04)
     for row, tolerance in enumerate((2e-7, 2e-5, 2e-3)):
         expected = [one.deriv(row)(times[-1] + 0.04) if row else one(times[-1] + 0.04) for one in truth]
         assert found[row] == pytest.approx(expected, abs=tolerance)
@@ -48,8 +46,8 @@ def heave(time):
 def test_setpoints_ahead_of_the_packets_follow_the_host(rate_Hz: float, buffer_s: float) -> None:
     """Irregular motion, packets late by a fifth of a period and 2 % lost, 28 ms ahead: within 0.8 mm of the host's own
     motion `buffer_s` ago, and its acceleration within 0.03 m/s2 rms."""
-    host = Host(rate_Hz=rate_Hz, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=7)
-    made = played(BENCH, heave, host, 6000, 15)[1500:6000, 0]
+    host = hosted.Host(rate_Hz=rate_Hz, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=7)
+    made = hosted.played(BENCH, heave, host, 6000, 15)[1500:6000, 0]
     time = np.arange(1500, 6000) * TICK - buffer_s
     asked = 0.1 + heave(time)[:, 2]
     assert np.abs(made - asked).max() < 8e-4
@@ -67,20 +65,20 @@ def bump_deviation(host):
         return np.column_stack([np.zeros((len(time), 2)), place(time), np.zeros((len(time), 3))])
 
     time = np.arange(1900) * TICK
-    made = played(BENCH, bump, host, 1900, 15)[:1900, 0]
+    made = hosted.played(BENCH, bump, host, 1900, 15)[:1900, 0]
     off = np.diff(made - bump(time)[:, 2], 2) / TICK**2
     return np.convolve(off, np.full(5, 0.2), "same")[800:]
 
 
 def test_a_sudden_bump_is_hardly_overshot() -> None:
     """60 packets a second: the acceleration is off by 0.4 m/s2 at most (0.53 with longer polynomials alone, sharply weighed)."""
-    assert np.abs(bump_deviation(Host(rate_Hz=60.0, buffer_s=0.0))).max() < 0.4
+    assert np.abs(bump_deviation(hosted.Host(rate_Hz=60.0, buffer_s=0.0))).max() < 0.4
 
 
 def test_packets_with_derivatives_tell_a_bump_from_its_first_one_on() -> None:
     """The same with velocity and acceleration in each packet: at most two thirds as far off, rms and largest."""
     without, told = (
-        bump_deviation(Host(rate_Hz=60.0, buffer_s=0.0, derivatives=with_them)) for with_them in (False, True)
+        bump_deviation(hosted.Host(rate_Hz=60.0, buffer_s=0.0, derivatives=with_them)) for with_them in (False, True)
     )
     assert told.std() < 0.67 * without.std()
     assert np.abs(told).max() < 0.67 * np.abs(without).max()
@@ -97,7 +95,9 @@ def test_wrong_derivatives_do_little_harm() -> None:
             tuple((10.0 * (after - before) / 2e-3).tolist()),
             tuple((10.0 * (after - 2 * here + before) / 1e-6).tolist()),
         )
-        buffer.add(HostCommand(sequence=k, time_s=k / 60.0, setpoints=tuple(here), derivatives=wrong), k / 60.0)
+        buffer.add(
+            host_packet.HostCommand(sequence=k, time_s=k / 60.0, setpoints=tuple(here), derivatives=wrong), k / 60.0
+        )
         if k > 180:
             ahead = heave(np.array([k / 60.0 + 0.028]))[0, 2]
             most = max(most, abs(buffer.target(k / 60.0)[0][2] - ahead))
@@ -112,7 +112,7 @@ def test_nothing_that_was_shown_ahead_is_changed() -> None:
     for k in range(400):
         if k % 7 == 0:
             pose = (0.0, 0.0, float(rng.normal(0.0, 0.01)), 0.0, 0.0, 0.0)
-            made.buffer.add(HostCommand(sequence=k, time_s=k * TICK, setpoints=pose), k * TICK)
+            made.buffer.add(host_packet.HostCommand(sequence=k, time_s=k * TICK, setpoints=pose), k * TICK)
         shown.append(made.rows(k * TICK))
     for k in range(385):
         assert np.array_equal(shown[k][1:], shown[k + 1][:-1])
@@ -122,7 +122,10 @@ def test_a_host_that_falls_silent_is_not_continued_for_long() -> None:
     """Packets end in the midst of a stroke of 0.2 m/s: the target stands still four periods later, 20 mm on at most."""
     buffer = HostBuffer(0.0)
     for k in range(100):
-        buffer.add(HostCommand(sequence=k, time_s=k * 0.01, setpoints=(0.0, 0.0, 0.002 * k, 0.0, 0.0, 0.0)), k * 0.01)
+        buffer.add(
+            host_packet.HostCommand(sequence=k, time_s=k * 0.01, setpoints=(0.0, 0.0, 0.002 * k, 0.0, 0.0, 0.0)),
+            k * 0.01,
+        )
     position, velocity, acceleration = buffer.target(1.2)
     assert velocity[2] == 0.0 and acceleration[2] == 0.0
     assert 0.198 <= position[2] < 0.218
@@ -137,7 +140,7 @@ def test_the_latency_is_the_declared_one() -> None:
     def sine(time):
         return np.column_stack([0.02 * np.sin(np.pi * time) * (k == 2) for k in range(6)])
 
-    made = played(machine, sine, Host(rate_Hz=200.0), 3000, 1)[1000:3000, 0] - 0.1
+    made = hosted.played(machine, sine, hosted.Host(rate_Hz=200.0), 3000, 1)[1000:3000, 0] - 0.1
     time = np.arange(1000, 3000) * TICK
     phase = np.angle(np.sum(made * np.exp(-1j * np.pi * time))) - np.angle(
         np.sum(np.sin(np.pi * time) * np.exp(-1j * np.pi * time))
@@ -148,12 +151,12 @@ def test_the_latency_is_the_declared_one() -> None:
 def test_a_host_that_cannot_be_is_refused() -> None:
     """A rate, jitter, loss or latency out of bounds: a sentence with the bounds."""
     with pytest.raises(HexsimError, match=r"host: rate_Hz is 5\.0; give a number from 10 to 2000"):
-        Host(rate_Hz=5.0)
+        hosted.Host(rate_Hz=5.0)
     with pytest.raises(HexsimError, match=r"host: loss is 1; give a number from 0 to 0\.9"):
-        Host(loss=1)
+        hosted.Host(loss=1)
 
 
-def jolt(frequency_Hz: float, host: Host, preview: int = 1) -> float:
+def jolt(frequency_Hz: float, host: hosted.Host, preview: int = 1) -> float:
     """A sine of 1 m/s2 as it is played: the acceleration's largest deviation from its fundamental in 50 Hz [m/s2]."""
     place = 1.0 / (2 * np.pi * frequency_Hz) ** 2
 
@@ -161,7 +164,7 @@ def jolt(frequency_Hz: float, host: Host, preview: int = 1) -> float:
         value = place * np.minimum(time / 2.0, 1.0) * np.sin(2 * np.pi * frequency_Hz * time)
         return np.column_stack([value * (k == 2) for k in range(6)])
 
-    made = played(BENCH, sine, host, 4600, preview)[:4600, 0]
+    made = hosted.played(BENCH, sine, host, 4600, preview)[:4600, 0]
     acceleration = np.gradient(np.gradient(made, TICK), TICK)
     low = sosfiltfilt(butter(2, 50.0, fs=1.0 / TICK, output="sos"), acceleration)[2000:4500]
     angle = 2 * np.pi * frequency_Hz * TICK * np.arange(len(low))
@@ -175,7 +178,7 @@ def test_sixty_packets_a_second_put_no_jolt_into_a_sine(frequency_Hz: float, mos
     behind, 0.102, 0.185 m/s2 at 3 and 4 Hz with polynomials alone)."""
     for buffer_s, bound in ((0.0, most), (0.033, 0.5 * most)):
         for seed in (0, 2):
-            host = Host(rate_Hz=60.0, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=seed)
+            host = hosted.Host(rate_Hz=60.0, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=seed)
             assert jolt(frequency_Hz, host) < bound
 
 
@@ -184,13 +187,13 @@ def test_a_process_goes_through_its_points_and_has_its_own_slopes() -> None:
     rng = np.random.default_rng(2)
     times = np.cumsum(rng.uniform(0.01, 0.03, 20))
     places = np.column_stack([np.sin(2 * np.pi * f * times) + f for f in (0.5, 1.0, 2.0)])
-    weights, trend = np.zeros((POINTS, 3)), np.zeros((TREND, 3))
+    weights, trend = np.zeros((host_process.POINTS, 3)), np.zeros((host_process.TREND, 3))
     motions = np.repeat(places[:, None], 3, axis=1)
-    fit_process(times, motions, 20, 0.1, weights, trend)
+    host_process.fit_process(times, motions, 20, 0.1, weights, trend)
 
     def at(time):
         out = np.zeros((3, 3))
-        add_process(times, 20, weights, trend, 0.1, time, np.ones(3), out)
+        host_process.add_process(times, 20, weights, trend, 0.1, time, np.ones(3), out)
         return out
 
     assert np.array([at(time)[0] for time in times]) == pytest.approx(places, abs=1e-4)
@@ -207,7 +210,7 @@ def test_a_clock_that_is_found_earlier_moves_nothing_at_once() -> None:
 
     def send(k: int, late_s: float) -> float:
         place = (0.0, 0.0, 0.2 * k / 60.0, 0.0, 0.0, 0.0)
-        buffer.add(HostCommand(sequence=k, time_s=k / 60.0, setpoints=place), k / 60.0 + late_s)
+        buffer.add(host_packet.HostCommand(sequence=k, time_s=k / 60.0, setpoints=place), k / 60.0 + late_s)
         return buffer.target(k / 60.0 + 0.01)[0][2] - 0.2 * (k / 60.0 + 0.01 - late)
 
     assert max(abs(send(k, late)) for k in range(60, 120)) < 5e-4

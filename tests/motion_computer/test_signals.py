@@ -6,42 +6,26 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.setpoints.signals import (
-    SIGNAL_KINDS,
-    Block,
-    Constant,
-    ConstantAccelerationReversals,
-    ConstantVelocityStrokes,
-    Multisine,
-    SampledSignal,
-    Sine,
-    Sweep,
-    Triangle,
-    evaluate,
-    faded,
-    read_setpoint_file,
-    signal_from_dict,
-    signal_to_dict,
-)
+from hexsim import HexsimError
+from hexsim.setpoints import signals
 
 SMOOTH = {  # signals whose velocity and acceleration exist everywhere
-    "constant": Constant(level=0.02),
-    "sine": Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.3),
-    "multisine": Multisine(amplitudes=(0.01, 0.02, 0.005), frequencies_Hz=(0.3, 0.7, 2.1), seed=4),
-    "sweep": Sweep(amplitude=0.05, start_Hz=0.1, end_Hz=5.0, duration_s=8.0),
-    "sweep velocity": Sweep(amplitude=0.05, start_Hz=0.1, end_Hz=5.0, duration_s=8.0, hold="velocity"),
-    "log sweep": Sweep(amplitude=0.05, start_Hz=0.1, end_Hz=5.0, duration_s=8.0, law="log"),
-    "falling log sweep": Sweep(
+    "constant": signals.Constant(level=0.02),
+    "sine": signals.Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.3),
+    "multisine": signals.Multisine(amplitudes=(0.01, 0.02, 0.005), frequencies_Hz=(0.3, 0.7, 2.1), seed=4),
+    "sweep": signals.Sweep(amplitude=0.05, start_Hz=0.1, end_Hz=5.0, duration_s=8.0),
+    "sweep velocity": signals.Sweep(amplitude=0.05, start_Hz=0.1, end_Hz=5.0, duration_s=8.0, hold="velocity"),
+    "log sweep": signals.Sweep(amplitude=0.05, start_Hz=0.1, end_Hz=5.0, duration_s=8.0, law="log"),
+    "falling log sweep": signals.Sweep(
         amplitude=0.001, start_Hz=5.0, end_Hz=0.5, duration_s=8.0, law="log", hold="acceleration"
     ),
-    "strokes": ConstantVelocityStrokes(velocities=(0.05, 0.02), stroke=0.06),
-    "soft block": Block(amplitude=0.05, frequency_Hz=0.5, transition_s=0.37),
+    "strokes": signals.ConstantVelocityStrokes(velocities=(0.05, 0.02), stroke=0.06),
+    "soft block": signals.Block(amplitude=0.05, frequency_Hz=0.5, transition_s=0.37),
 }
 CORNERED = {  # and those with jumps in the derivatives, looked at between the jumps
-    "block": Block(amplitude=0.05, frequency_Hz=0.5),
-    "triangle": Triangle(amplitude=-0.05, frequency_Hz=0.5),
-    "reversals": ConstantAccelerationReversals(accelerations=(0.1, 0.02), cycles=2),
+    "block": signals.Block(amplitude=0.05, frequency_Hz=0.5),
+    "triangle": signals.Triangle(amplitude=-0.05, frequency_Hz=0.5),
+    "reversals": signals.ConstantAccelerationReversals(accelerations=(0.1, 0.02), cycles=2),
 }
 TIMES = np.linspace(0.0131, 9.9817, 499)
 TIMES = TIMES[np.abs(TIMES - np.round(TIMES, 1)) > 1e-3]  # the corners of the signals above are at multiples of 0.1 s
@@ -61,7 +45,7 @@ def differences_agree(signal, times, rel=1e-6):
 def test_velocity_and_acceleration_are_exact_derivatives(name, fade):
     """Each signal, bare and faded in over 3 s either way, against central differences."""
     signal = (SMOOTH | CORNERED)[name]
-    differences_agree(signal if fade is None else faded(signal, 3.0, fade), TIMES)
+    differences_agree(signal if fade is None else signals.faded(signal, 3.0, fade), TIMES)
 
 
 @pytest.mark.parametrize("name", [*SMOOTH, *CORNERED])
@@ -85,15 +69,15 @@ def test_signals_repeat_after_their_period(name):
 
 def test_only_a_single_sine_has_a_fundamental():
     """`fundamental_Hz` says that the fundamental is the whole command; a fade does not change it."""
-    assert faded(Sine(amplitude=0.05, frequency_Hz=0.5), 2.0).fundamental_Hz == 0.5
-    assert Multisine(amplitudes=(0.1,), frequencies_Hz=(0.7,)).fundamental_Hz == 0.7
+    assert signals.faded(signals.Sine(amplitude=0.05, frequency_Hz=0.5), 2.0).fundamental_Hz == 0.5
+    assert signals.Multisine(amplitudes=(0.1,), frequencies_Hz=(0.7,)).fundamental_Hz == 0.7
     others = [signal for name, signal in (SMOOTH | CORNERED).items() if name != "sine"]
     assert [signal.fundamental_Hz for signal in others] == [None] * len(others)
 
 
 def test_sine_at_its_characteristic_points():
     """0, top, 0, bottom at quarters of the period; largest speed A w at 0, largest acceleration -A w^2 at the top."""
-    sine, w = Sine(amplitude=0.05, frequency_Hz=0.5), np.pi
+    sine, w = signals.Sine(amplitude=0.05, frequency_Hz=0.5), np.pi
     assert sine.value([0.0, 0.5, 1.0, 1.5]) == pytest.approx([0.0, 0.05, 0.0, -0.05], abs=1e-16)
     assert sine.velocity([0.0, 0.5, 1.0]) == pytest.approx([0.05 * w, 0.0, -0.05 * w], abs=1e-16)
     assert sine.acceleration([0.0, 0.5, 1.5]) == pytest.approx([0.0, -0.05 * w**2, 0.05 * w**2], abs=1e-16)
@@ -101,7 +85,10 @@ def test_sine_at_its_characteristic_points():
 
 def test_block_and_triangle_at_their_corners():
     """Block: +A, then -A from half a period; triangle: 0, A, 0, -A at quarters, speed 4 A f of either sign."""
-    block, triangle = Block(amplitude=0.03, frequency_Hz=0.25), Triangle(amplitude=0.03, frequency_Hz=0.25)
+    block, triangle = (
+        signals.Block(amplitude=0.03, frequency_Hz=0.25),
+        signals.Triangle(amplitude=0.03, frequency_Hz=0.25),
+    )
     assert block.value([0.0, 1.999, 2.0, 3.999, 4.0]) == pytest.approx([0.03, 0.03, -0.03, -0.03, 0.03])
     assert triangle.value([0.0, 1.0, 2.0, 3.0, 4.0]) == pytest.approx([0.0, 0.03, 0.0, -0.03, 0.0], abs=1e-16)
     assert triangle.velocity([0.5, 1.5, 2.5, 3.5]) == pytest.approx([0.03, -0.03, -0.03, 0.03])
@@ -121,13 +108,13 @@ def test_multisine_holds_the_amplitudes_asked_for():
 
 def test_multisine_of_incommensurate_frequencies_has_no_period():
     """1 and sqrt 2 Hz never repeat together."""
-    assert Multisine(amplitudes=(0.1, 0.1), frequencies_Hz=(1.0, np.sqrt(2.0))).period_s is None
+    assert signals.Multisine(amplitudes=(0.1, 0.1), frequencies_Hz=(1.0, np.sqrt(2.0))).period_s is None
 
 
 @pytest.mark.parametrize(("law", "middle"), [("linear", 2.55), ("log", np.sqrt(0.1 * 5.0))])
 def test_sweep_passes_its_frequencies(law, middle):
     """Start, end and the middle (arithmetic or geometric mean), from the phase between upward zero crossings."""
-    sweep = Sweep(amplitude=1.0, start_Hz=0.1, end_Hz=5.0, duration_s=200.0, law=law)
+    sweep = signals.Sweep(amplitude=1.0, start_Hz=0.1, end_Hz=5.0, duration_s=200.0, law=law)
     for time, frequency in ((0.0, 0.1), (100.0, middle), (200.0, 5.0), (250.0, 5.0)):
         turns = sweep._frequency(np.array([time - 1e-3, time + 1e-3]))[0]
         assert np.diff(turns)[0] / 2e-3 == pytest.approx(frequency, rel=1e-3)
@@ -136,7 +123,7 @@ def test_sweep_passes_its_frequencies(law, middle):
 @pytest.mark.parametrize(("hold", "order"), [("position", 0), ("velocity", 1), ("acceleration", 2)])
 def test_sweep_holds_what_it_says(hold, order):
     """The crests of position, velocity or acceleration are equal early and late in a slow sweep (2 %: its rate)."""
-    sweep = Sweep(amplitude=0.05, start_Hz=0.5, end_Hz=2.0, duration_s=400.0, law="log", hold=hold)
+    sweep = signals.Sweep(amplitude=0.05, start_Hz=0.5, end_Hz=2.0, duration_s=400.0, law="log", hold=hold)
     function = (sweep.value, sweep.velocity, sweep.acceleration)[order]
     early, late = np.linspace(0.0, 10.0, 20_001), np.linspace(390.0, 400.0, 20_001)
     assert np.max(function(early)) == pytest.approx(0.05 * np.pi**order, rel=0.02)
@@ -145,7 +132,7 @@ def test_sweep_holds_what_it_says(hold, order):
 
 def test_reversals_are_parabolas():
     """Within 1 s of each clean reversal: acceleration constant, velocity from +a through 0 to -a, both signs."""
-    signal = ConstantAccelerationReversals()
+    signal = signals.ConstantAccelerationReversals()
     times, accelerations = signal.reversals()
     assert set(np.abs(accelerations)) == {0.1, 0.05, 0.02, 0.01, 0.005}
     assert (accelerations > 0.0).any()
@@ -159,7 +146,7 @@ def test_reversals_are_parabolas():
 
 def test_reversals_are_continuous_and_start_and_end_at_rest():
     """Position and velocity do not jump anywhere, over the joints of pieces and of periods; it starts at 0, at rest."""
-    signal = ConstantAccelerationReversals()
+    signal = signals.ConstantAccelerationReversals()
     joints = signal.path.ends_s
     for function in (signal.value, signal.velocity):
         assert function(joints - 1e-9) == pytest.approx(function(joints + 1e-9), abs=1e-8)
@@ -168,7 +155,7 @@ def test_reversals_are_continuous_and_start_and_end_at_rest():
 
 def test_strokes_run_at_constant_velocity():
     """Each stroke holds its velocity up and down, at every level; slow ones are cut at `longest_s`."""
-    signal = ConstantVelocityStrokes(velocities=(0.002, 0.05), stroke=0.1, cycles=2, longest_s=10.0)
+    signal = signals.ConstantVelocityStrokes(velocities=(0.002, 0.05), stroke=0.1, cycles=2, longest_s=10.0)
     starts, ends, velocities = signal.strokes()
     assert velocities == pytest.approx([0.002, -0.002, 0.002, -0.002, 0.05, -0.05, 0.05, -0.05])
     assert ends - starts == pytest.approx([10.0] * 4 + [2.0] * 4)
@@ -180,7 +167,7 @@ def test_strokes_run_at_constant_velocity():
 
 def test_strokes_turn_round_smoothly():
     """Velocity and acceleration do not jump; the turn-around swings out by 0.3125 v T (integral of the velocity)."""
-    signal = ConstantVelocityStrokes(velocities=(0.05,), stroke=0.1, turn_around_s=0.2)
+    signal = signals.ConstantVelocityStrokes(velocities=(0.05,), stroke=0.1, turn_around_s=0.2)
     joints = signal.path.ends_s
     for function in (signal.value, signal.velocity, signal.acceleration):
         assert function(joints - 1e-9) == pytest.approx(function(joints + 1e-9), abs=1e-6)
@@ -190,8 +177,8 @@ def test_strokes_turn_round_smoothly():
 
 def test_linear_fade_is_that_of_the_report():
     """min(t / T, 1) times the sine (report 3.3): half the sine at half the fade, all of it afterwards, 0 before 0."""
-    sine = Sine(amplitude=0.05, frequency_Hz=0.5)
-    signal = faded(sine, 2.0)
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5)
+    signal = signals.faded(sine, 2.0)
     assert signal.value([-0.5, 0.0, 1.5, 2.5]) == pytest.approx([0.0, 0.0, 0.75 * sine.value(1.5), sine.value(2.5)])
     assert signal.velocity(0.0) == 0.0
     assert signal.acceleration(0.0) == pytest.approx(2.0 * 0.05 * np.pi / 2.0)  # 2 A w / T: what the fade costs
@@ -199,8 +186,8 @@ def test_linear_fade_is_that_of_the_report():
 
 def test_smooth_fade_starts_and_ends_without_a_jump():
     """Velocity and acceleration are 0 at the start and meet the signal's at the end; half of it in the middle."""
-    sine = Sine(amplitude=0.05, frequency_Hz=0.3, phase_rad=1.0)
-    signal = faded(sine, 2.0, "smooth")
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.3, phase_rad=1.0)
+    signal = signals.faded(sine, 2.0, "smooth")
     for faded_in, bare in ((signal.velocity, sine.velocity), (signal.acceleration, sine.acceleration)):
         assert faded_in([0.0, 1e-7]) == pytest.approx([0.0, 0.0], abs=1e-6)
         assert faded_in([2.0 - 1e-7, 2.0 + 1e-7]) == pytest.approx(bare([2.0, 2.0]), abs=1e-6)
@@ -209,14 +196,14 @@ def test_smooth_fade_starts_and_ends_without_a_jump():
 
 def test_no_fade_is_the_signal_itself():
     """A fade of 0 s changes nothing."""
-    sine = Sine(amplitude=0.05, frequency_Hz=0.5)
-    assert faded(sine, 0.0) is sine
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5)
+    assert signals.faded(sine, 0.0) is sine
 
 
 def test_evaluate_stacks_six_coordinates():
     """Values, velocities, accelerations of several signals side by side, (n, n_signals)."""
-    sine = Sine(amplitude=0.05, frequency_Hz=0.5)
-    value, velocity, acceleration = evaluate([Constant(), sine], TIMES)
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5)
+    value, velocity, acceleration = signals.evaluate([signals.Constant(), sine], TIMES)
     assert np.array_equal(value[:, 1], sine.value(TIMES))
     assert np.array_equal(velocity[:, 1], sine.velocity(TIMES))
     assert np.array_equal(acceleration[:, 1], sine.acceleration(TIMES))
@@ -231,13 +218,13 @@ def test_evaluate_stacks_six_coordinates():
 def test_signal_to_data_and_back(name, fade):
     """signal_from_dict(signal_to_dict(s)) is s, for every kind and fade."""
     signal = (SMOOTH | CORNERED)[name]
-    signal = signal if fade is None else faded(signal, 3.0, fade)
-    assert signal_from_dict(signal_to_dict(signal)) == signal
+    signal = signal if fade is None else signals.faded(signal, 3.0, fade)
+    assert signals.signal_from_dict(signals.signal_to_dict(signal)) == signal
 
 
 def test_every_kind_is_among_the_round_trips():
     """No kind is left out of the tests above (a file needs a file, see below; an FMU is in tests/export/test_payload.py)."""
-    assert {signal.kind for signal in (SMOOTH | CORNERED).values()} | {"file", "fmu"} == set(SIGNAL_KINDS)
+    assert {signal.kind for signal in (SMOOTH | CORNERED).values()} | {"file", "fmu"} == set(signals.SIGNAL_KINDS)
 
 
 @pytest.mark.parametrize(
@@ -285,7 +272,7 @@ def test_every_kind_is_among_the_round_trips():
 def test_bad_data_is_refused_naming_key_and_what_is_allowed(data, message):
     """Each message says where, which key, what was given and what is allowed."""
     with pytest.raises(HexsimError, match=message):
-        signal_from_dict(data, where="heave")
+        signals.signal_from_dict(data, where="heave")
 
 
 # ---- files -----------------------------------------------------------------------------------------------------------
@@ -301,9 +288,9 @@ def write(path, **columns):
 def test_file_signal_passes_its_samples(tmp_path, name):
     """At the samples the file's own values, between them the sine they came from (error (w dt)^4 A), held outside."""
     time = np.arange(0.0, 4.0, 0.01)
-    sine = Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.5 * np.pi)  # ends at rest, as the spline does
+    sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.5 * np.pi)  # ends at rest, as the spline does
     path = write(tmp_path / name, time_s=time, z_m=sine.value(time), valve_V=time)
-    signal = signal_from_dict({"kind": "file", "path": str(path), "column": "z_m"})
+    signal = signals.signal_from_dict({"kind": "file", "path": str(path), "column": "z_m"})
     assert signal.value(time) == pytest.approx(sine.value(time), abs=1e-15)
     between = np.arange(0.505, 3.5, 0.01)
     assert signal.value(between) == pytest.approx(sine.value(between), abs=1e-8)
@@ -311,13 +298,13 @@ def test_file_signal_passes_its_samples(tmp_path, name):
     assert signal.value([-1.0, 10.0]) == pytest.approx([0.05, sine.value(time[-1])])
     assert not np.any(signal.velocity([-1.0, 10.0]))
     differences_agree(signal, between + 0.001)
-    assert signal_from_dict(signal_to_dict(signal)) == signal
+    assert signals.signal_from_dict(signals.signal_to_dict(signal)) == signal
 
 
 def test_file_signal_starts_and_ends_at_rest(tmp_path):
     """A ramp in a file: the spline leaves and meets the values held before and after it without a jump in velocity."""
     path = write(tmp_path / "ramp.csv", time_s=0.2 * np.arange(21), x_m=0.002 * np.arange(21))
-    signal = SampledSignal(path=str(path), column="x_m")
+    signal = signals.SampledSignal(path=str(path), column="x_m")
     assert signal.velocity([0.0, 4.0 - 1e-9]) == pytest.approx([0.0, 0.0], abs=1e-9)
     assert signal.velocity(2.0) == pytest.approx(0.01, rel=1e-4)  # the ends die out by 0.27 a sample
 
@@ -326,8 +313,8 @@ def test_linear_interpolation_does_not_overshoot(tmp_path):
     """A step in a file stays within its two values with "linear", and overshoots with "cubic"."""
     path = write(tmp_path / "step.csv", time_s=[0.0, 1.0, 2.0, 3.0], x_m=[0.0, 0.0, 0.1, 0.1])
     fine = np.linspace(0.0, 3.0, 301)
-    linear = SampledSignal(path=str(path), column="x_m", interpolation="linear")
-    cubic = SampledSignal(path=str(path), column="x_m")
+    linear = signals.SampledSignal(path=str(path), column="x_m", interpolation="linear")
+    cubic = signals.SampledSignal(path=str(path), column="x_m")
     assert (linear.value(fine).min(), linear.value(fine).max()) == (0.0, pytest.approx(0.1))
     assert linear.value(1.5) == pytest.approx(0.05)
     assert linear.velocity([0.5, 1.5]) == pytest.approx([0.0, 0.1])
@@ -337,10 +324,10 @@ def test_linear_interpolation_does_not_overshoot(tmp_path):
 def test_leg_setpoints_are_read(tmp_path):
     """Actuator mode: setpoint_1_m to setpoint_6_m, and the bench's setpoint_m; other columns are left aside."""
     legs = {f"setpoint_{leg}_m": [0.1, 0.1 + 0.01 * leg] for leg in range(1, 7)}
-    columns = read_setpoint_file(write(tmp_path / "legs.csv", time_s=[0, 1], **legs, position_1_m=[0.0, 0.0]))
+    columns = signals.read_setpoint_file(write(tmp_path / "legs.csv", time_s=[0, 1], **legs, position_1_m=[0.0, 0.0]))
     assert list(columns) == ["time_s", *legs]
     assert columns["setpoint_6_m"] == pytest.approx([0.1, 0.16])
-    bench = read_setpoint_file(write(tmp_path / "bench.csv", time_s=[0.0, 1.0], setpoint_m=[0.1, 0.2]))
+    bench = signals.read_setpoint_file(write(tmp_path / "bench.csv", time_s=[0.0, 1.0], setpoint_m=[0.1, 0.2]))
     assert list(bench) == ["time_s", "setpoint_m"]
 
 
@@ -371,19 +358,19 @@ def test_bad_files_are_refused_naming_row_and_column(tmp_path, text, message):
     path = tmp_path / "motion.csv"
     path.write_text(text)
     with pytest.raises(HexsimError, match=message):
-        read_setpoint_file(path)
+        signals.read_setpoint_file(path)
 
 
 def test_missing_and_foreign_files_are_refused(tmp_path):
     """No such file; a kind that is not read (nothing is unpickled); a Parquet file that is none; a column not there."""
     with pytest.raises(HexsimError, match=r"no such setpoint file; give a .csv"):
-        read_setpoint_file(tmp_path / "none.csv")
+        signals.read_setpoint_file(tmp_path / "none.csv")
     (tmp_path / "motion.pkl").write_bytes(b"")
     with pytest.raises(HexsimError, match=r"unknown kind of file; give a .csv, .csv.gz or .parquet file"):
-        read_setpoint_file(tmp_path / "motion.pkl")
+        signals.read_setpoint_file(tmp_path / "motion.pkl")
     (tmp_path / "motion.parquet").write_bytes(b"no parquet")
     with pytest.raises(HexsimError, match=r"motion.parquet: cannot be read as a table"):
-        read_setpoint_file(tmp_path / "motion.parquet")
+        signals.read_setpoint_file(tmp_path / "motion.parquet")
     path = write(tmp_path / "motion.csv", time_s=[0.0, 1.0], z_m=[0.0, 0.1])
     with pytest.raises(HexsimError, match=r"heave: .*column = 'x_m': .*motion.csv has the setpoints z_m"):
-        signal_from_dict({"kind": "file", "path": str(path), "column": "x_m"}, where="heave")
+        signals.signal_from_dict({"kind": "file", "path": str(path), "column": "x_m"}, where="heave")

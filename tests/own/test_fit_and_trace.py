@@ -8,16 +8,14 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
+from hexsim.own import effects, problem, simulate
+from hexsim.own import folder as own_folder
+from hexsim.own import run as own_run
+from hexsim.own import trace as own_trace
 from hexsim.own.declaration import ModelTables
-from hexsim.own.effects import Sizes, joined, library, offered
-from hexsim.own.folder import load_simulated
 from hexsim.own.model import model_of
-from hexsim.own.problem import fit_own, problem_of
-from hexsim.own.run import simulated
-from hexsim.own.simulate import Simulator, record_of
-from hexsim.own.trace import distinct, trace_own
 from hexsim.signals.log import Log
 
 TANK = """
@@ -45,7 +43,7 @@ steps = 1
 OUTLET, INLET, WEIR, TOP, NOISE = 0.08, 1.0, 0.5, 1.2, 3e-3
 
 
-def tank_run(seed: int, weir: float, n: int = 1500) -> pl.DataFrame:
+def tank_run(seed: int, weir: float, n: int = 900) -> pl.DataFrame:
     """A tank written apart: midpoint steps of 0.1 s, its own noise; the inflow goes straight from sample to sample."""
     rng = np.random.default_rng(seed)
     inflow = np.repeat(rng.uniform(0.02, 0.15, n // 50), 50)
@@ -84,33 +82,33 @@ def spilling(tmp_path_factory):
 
 def test_numbers_come_back_within_their_errors(clean):
     """Outlet and inlet of a tank that was simulated apart, within four of their errors, and these below 1 %; the rest is noise."""
-    folder = load_simulated(clean)
-    fitted = fit_own(problem_of(folder.model, folder.fit, "here"))
+    folder = own_folder.load_simulated(clean)
+    fitted = problem.fit_own(problem.problem_of(folder.model, folder.fit, "here"))
     for name, truth in (("outlet", OUTLET), ("inlet", INLET)):
         error = fitted.errors[fitted.names.index(name)]
         assert abs(fitted.value(name) - truth) < 4 * error
         assert error < 0.01 * truth
-    assert simulated(fitted, folder.fit[0], "here")[1]["level_m"] == pytest.approx(NOISE, rel=0.15)
+    assert own_run.simulated(fitted, folder.fit[0], "here")[1]["level_m"] == pytest.approx(NOISE, rel=0.15)
 
 
 def test_the_error_of_a_long_run_can_be_what_is_fitted(spilling):
     """fit_by = "error" leaves less of a model that is not quite right than the likelihood does, with honest errors either way."""
-    folder, left = load_simulated(spilling), {}
+    folder, left = own_folder.load_simulated(spilling), {}
     for how in ("likelihood", "error"):
         text = TANK.replace("steps = 1", f'steps = 1\nfit_by = "{how}"')
         model = model_of(
             ModelTables.model_validate({k: v for k, v in tomllib.loads(text).items() if k not in ("name", "runs")}),
             "here",
         )
-        made = fit_own(problem_of(model, folder.fit, "here"))
-        left[how] = sum(simulated(made, log, "here")[1]["level_m"] ** 2 for log in folder.fit)
+        made = problem.fit_own(problem.problem_of(model, folder.fit, "here"))
+        left[how] = sum(own_run.simulated(made, log, "here")[1]["level_m"] ** 2 for log in folder.fit)
         assert np.all(made.errors > 0)
     assert left["error"] < left["likelihood"]
 
 
 def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
     """A tank that spills over 1.2 m names an overflow at this level, and the error on the third run falls to the noise."""
-    trace = trace_own(load_simulated(spilling))
+    trace = own_trace.trace_own(own_folder.load_simulated(spilling))
     assert trace.steps[0].candidate.name == "overflow"
     top = next(name for name in trace.steps[0].fitted.names if name.startswith("top"))
     assert trace.steps[0].fitted.value(top) == pytest.approx(TOP, abs=0.03)
@@ -121,7 +119,7 @@ def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
 
 def test_nothing_is_named_where_nothing_lacks(clean):
     """On the tank as declared no effect of the library is named."""
-    trace = trace_own(load_simulated(clean))
+    trace = own_trace.trace_own(own_folder.load_simulated(clean))
     assert trace.steps == []
     assert trace.verdict.startswith(("nothing", "unexplained"))
 
@@ -156,19 +154,19 @@ scheme = "euler"
 steps = 1
 """
     plain = ModelTables.model_validate(tomllib.loads(text))
-    found = offered(plain, ("u",), lambda what, name: Sizes(T=0.01, D=3.0))
-    assert {one.name for one in found} == {row.name for row in library()}
+    found = effects.offered(plain, ("u",), lambda what, name: effects.Sizes(T=0.01, D=3.0))
+    assert {one.name for one in found} == {row.name for row in effects.library()}
     full = plain
     for k, one in enumerate(one for one in found if not one.rival):
-        full = joined(full, distinct(one, k), neutral=True)
-    free = [joined(plain, one, neutral=True) for one in found if one.rival]
+        full = effects.joined(full, own_trace.distinct(one, k), neutral=True)
+    free = [effects.joined(plain, one, neutral=True) for one in found if one.rival]
     t = np.arange(300) * 0.01
     log = Log(name="run", kind="own", time=t, columns={"u": np.sin(5 * t), "x": 0 * t, "both": 0 * t})
     runs = []
     for tables in (plain, full, *free):
         made = model_of(tables, "here")
         p = np.array([number.start for number in made.numbers])
-        runs.append(Simulator(made).run(record_of(made, log, "here"), p).outputs)
+        runs.append(simulate.Simulator(made).run(simulate.record_of(made, log, "here"), p).outputs)
     assert runs[1][:70] == pytest.approx(runs[0][:70], abs=1e-12)
     for run in runs[1:]:
         assert run == pytest.approx(runs[0], abs=1e-4 * np.abs(runs[0]).max())
@@ -192,4 +190,4 @@ def test_a_run_without_its_input_is_refused(clean, tmp_path):
     """The sentence names the column and the columns that are there."""
     place = folder_of(tmp_path / "other", 0.0, TANK.replace("inlet * inflow", "inlet * pumped"))
     with pytest.raises(HexsimError, match="no column 'pumped'"):
-        load_simulated(place)
+        own_folder.load_simulated(place)

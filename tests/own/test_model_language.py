@@ -5,11 +5,11 @@ import tomllib
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
+from hexsim.own import simulate
 from hexsim.own.declaration import ModelTables
 from hexsim.own.formulas import tree_of
 from hexsim.own.model import model_of
-from hexsim.own.simulate import Simulator, record_of, records_of
 from hexsim.signals.log import Log
 
 HOSTILE = [
@@ -111,7 +111,7 @@ def test_a_scheme_has_its_order(scheme, order):
     for steps in (2, 4):
         made = model(OSCILLATOR.format(steps=steps, scheme=scheme))
         run = log(101, 0.1, x=np.zeros(101))
-        free = Simulator(made).run(record_of(made, run, "here"), np.zeros(0))
+        free = simulate.Simulator(made).run(simulate.record_of(made, run, "here"), np.zeros(0))
         errors.append(np.abs(free.outputs[:, 0] - np.cos(2.0 * run.time)).max())
     assert 0.75 * 2**order < errors[0] / errors[1] < 1.35 * 2**order
 
@@ -139,7 +139,7 @@ steps = 4
 @pytest.fixture(scope="module")
 def block():
     made = model(BLOCK)
-    return made, Simulator(made)
+    return made, simulate.Simulator(made)
 
 
 def test_friction_holds_at_rest_and_stops_what_slides(block):
@@ -147,7 +147,9 @@ def test_friction_holds_at_rest_and_stops_what_slides(block):
     a t^2/2 and then v^2/(2 F/m): 3 m + 4.5 m at 0.5 kg; then it stays."""
     made, simulator = block
     force = np.where(np.arange(5000) < 1000, 1.99, np.where(np.arange(5000) < 2000, 5.0, 0.0))
-    free = simulator.run(record_of(made, log(5000, 1e-3, force=force, x=0 * force), "here"), np.array([2.0, 0.5]))
+    free = simulator.run(
+        simulate.record_of(made, log(5000, 1e-3, force=force, x=0 * force), "here"), np.array([2.0, 0.5])
+    )
     x = free.outputs[:, 0]
     assert np.all(x[:1000] == 0.0)
     assert x[-1] == pytest.approx(3.0 + 4.5, rel=2e-3)  # 1 ms of a ramp between two samples
@@ -158,7 +160,7 @@ def test_derivatives_carry_over_reversals_with_dry_friction(block):
     """Slopes by mass and by friction are those of finite differences, over motion with twelve reversals and rests."""
     made, simulator = block
     t = np.arange(6000) * 1e-3
-    record = record_of(made, log(6000, 1e-3, force=4.0 * np.sin(2 * np.pi * t), x=0 * t), "here")
+    record = simulate.record_of(made, log(6000, 1e-3, force=4.0 * np.sin(2 * np.pi * t), x=0 * t), "here")
     p = np.array([1.0, 0.5])
     free = simulator.run(record, p, slopes=True)
     for k in range(2):
@@ -248,8 +250,8 @@ def elements():
     n, dt = 4000, 1e-3
     t = np.arange(n) * dt
     u, rate = np.sin(2 * np.pi * t), 2 * np.pi * np.cos(2 * np.pi * t)
-    record = record_of(made, log(n, dt, u=u, rate_u=rate, late_u=u), "here")
-    simulator = Simulator(made)
+    record = simulate.record_of(made, log(n, dt, u=u, rate_u=rate, late_u=u), "here")
+    simulator = simulate.Simulator(made)
     p = np.array([0.4, 0.2, 0.03])
     free = simulator.run(record, p, slopes=True)
     return t, u, rate, dict(zip(made.outputs, free.outputs.T, strict=True)), (made, simulator, record, p, free)
@@ -294,9 +296,9 @@ def test_free_runs_begin_anew_where_the_file_asks():
     """anew_s = 1 parts 3.5 s into three free runs; each begins at the sample that was measured there, and time goes on."""
     text = "[states.x]\nrate = '-x'\nstart = 'first(x)'\n[outputs.x]\nformula = 'x'\n[simulation]\nanew_s = 1.0"
     made, run = model(text), log(350, 0.01, x=np.linspace(1.0, 4.5, 350))
-    found = records_of(made, run, "here")
+    found = simulate.records_of(made, run, "here")
     assert [record.n for record in found] == [100, 100, 150]
-    simulator = Simulator(made)
+    simulator = simulate.Simulator(made)
     for record, at in zip(found, (0, 100, 200), strict=True):
         assert simulator.run(record, np.zeros(0)).outputs[0, 0] == run.columns["x"][at]
         assert record.time[0] == pytest.approx(0.01 * at)

@@ -10,12 +10,10 @@ import pytest
 
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
-from hexsim.own import stated
+from hexsim.own import effects, folder, stated
+from hexsim.own import trace as own_trace
 from hexsim.own.declaration import ModelTables
-from hexsim.own.effects import Sizes, candidates, library, with_units
-from hexsim.own.folder import declared, load_simulated
 from hexsim.own.forms import forms
-from hexsim.own.trace import Simulated, said
 from hexsim.own.trace_files import trace_simulated
 
 DRIVE = """
@@ -61,14 +59,14 @@ def run(seed: int, place_damping: float, play: float, lag: float, slip: float) -
     return pl.DataFrame({"time_s": t, "command": command, "x": seen + 0.003 * rng.standard_normal(N)})
 
 
-def machine(place, steps: int = 2, **missing: float) -> Simulated:
+def machine(place, steps: int = 2, **missing: float) -> own_trace.Simulated:
     """Three runs of the plant, with the file that lacks this."""
     (place / "model.toml").write_text(DRIVE.replace("steps = 2", f"steps = {steps}"))
     for seed, name in enumerate(("one", "two", "three")):
         run(seed, **dict.fromkeys(("place_damping", "play", "lag", "slip"), 0.0) | missing).write_csv(
             place / f"{name}.csv"
         )
-    return Simulated(load_simulated(place))
+    return own_trace.Simulated(folder.load_simulated(place))
 
 
 @pytest.mark.timeout(300)
@@ -81,7 +79,7 @@ def test_damping_over_place_is_no_friction(tmp_path):
     assert found.steps == []
     stand_ins = [one.title for one in found.refused if one.why.endswith(("its form is open", "a stand-in"))]
     assert stand_ins and {one.title for one in found.in_model} == set(stand_ins)
-    assert f"likely, not proven: {stand_ins[0]} (in the model, a stand-in)" in said(found, None)
+    assert f"likely, not proven: {stand_ins[0]} (in the model, a stand-in)" in own_trace.said(found, None)
     assert sum(found.final_held.density) > sum(found.base_held.density)
     assert set(found.in_model[0].numbers) <= set(drive.declared(found.in_model).parameters)
 
@@ -98,7 +96,7 @@ def test_damping_over_place_gets_its_formula(tmp_path):
     assert number["value"] == pytest.approx(4.0, abs=4 * number["standard_error"])
     with (tmp_path / "model.toml").open("a") as file:
         file.write((tmp_path / "out" / "effect.toml").read_text())
-    with_it = search(Simulated(load_simulated(tmp_path)), most=1)
+    with_it = search(own_trace.Simulated(folder.load_simulated(tmp_path)), most=1)
     assert [step.title for step in with_it.steps] == ["x**2 * v in v"]
 
 
@@ -108,7 +106,9 @@ def test_formulas_have_the_unit_of_their_sum(tmp_path):
     units = '[states.x]\nunit = "m"\n', '[states.v]\nunit = "m/s"\n'
     text = DRIVE.replace("[states.x]\n", units[0]).replace("[states.v]\n", units[1])
     (tmp_path / "model.toml").write_text(text)
-    every = {form.title: form for form in forms(declared(tmp_path), ["command"], lambda what, name: Sizes())}
+    every = {
+        form.title: form for form in forms(folder.declared(tmp_path), ["command"], lambda what, name: effects.Sizes())
+    }
     unit = lambda title: every[title].row.parameters["form_amount"].unit  # noqa: E731
     assert unit("x**2 * v in v") == "N/(m2 m/s)"
     assert unit("v * abs(v) in v") == "N/((m/s)2)"
@@ -207,12 +207,12 @@ def test_a_chance_follows_what_it_is_about(monkeypatch):
     formula: Any = SimpleNamespace(proven=True, why="", best=one("x**2"))
     names = "named: a + d (chance of a name) + b (tied with c, odds 1 to 2.0) (chance of a tie)"
     likely = "likely, not proven: e"
-    assert said(found, None) == f"{names}; left beside it: some force; {likely}"
-    assert said(found, formula) == f"{names}; formula beyond the library: x**2 (chance of a formula); {likely}"
-    assert "left beside it" not in said(found, formula)  # the formula is what is left
+    assert own_trace.said(found, None) == f"{names}; left beside it: some force; {likely}"
+    assert own_trace.said(found, formula) == f"{names}; formula beyond the library: x**2 (chance of a formula); {likely}"
+    assert "left beside it" not in own_trace.said(found, formula)  # the formula is what is left
     open_form: Any = SimpleNamespace(proven=False, why="two are as likely", best=one("x**2"))
     found.steps = []
-    assert said(found, open_form) == f"unexplained; no form: two are as likely; {likely}"
+    assert own_trace.said(found, open_form) == f"unexplained; no form: two are as likely; {likely}"
 
 
 def test_numbers_of_the_library_have_the_places_units():
@@ -223,8 +223,8 @@ def test_numbers_of_the_library_have_the_places_units():
                 f'signals.u = {{}}\n[states.h]\n{quantity}\nsum = "u - h"\n[outputs.h]\nformula = "h"\nunit = "m"'
             )
         )
-        row = next(row for row in library() if row.name == "overflow")
-        made = candidates(row, "h", None, tables, Sizes())[0]
+        row = next(row for row in effects.library() if row.name == "overflow")
+        made = effects.candidates(row, "h", None, tables, effects.Sizes())[0]
         assert [number.unit for number in made.numbers.values()] == units
 
 
@@ -232,4 +232,4 @@ def test_units_that_are_declared_stay():
     """Neither the P of Pa nor a signal's name in brackets is taken for a size; a size with an exponent is one."""
     tables = ModelTables.model_validate(tomllib.loads('[states.v]\nquantity = "force"\nunit = "m/s"\nsum = "-v"'))
     for unit, expected in (("N/Pa", "N/Pa"), ("1/[P]", "1/[P]"), ("S/X2", "N/(m/s)2"), ("rad/s", "rad/s")):
-        assert with_units(unit, tables, "v", "sum") == expected
+        assert effects.with_units(unit, tables, "v", "sum") == expected

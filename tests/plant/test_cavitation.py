@@ -10,13 +10,12 @@ import pytest
 import void_plant
 from void_plant import VAPOUR
 
+from hexsim import load_scenario
 from hexsim.hydraulics import supply
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals, voids
-from hexsim.scenarios import load_scenario
+from hexsim.plant import Plant, readout
 from hexsim.simulation import simulate
 
 TICK_S = 1e-3
@@ -33,9 +32,9 @@ def both_ways(machine, volts, pull):
         plant.tick(volts[k : k + 1])
     plant.check()
     r, time = plant.record, np.arange(n, dtype=float) * TICK_S
-    legs = leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
+    legs = readout.leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
     wanted = void_plant.follow(numbers, void_plant.start_of(numbers, *start), volts, pull, TICK_S)
-    return legs, voids(plant, time, legs.position, r.act), wanted
+    return legs, readout.voids(plant, time, legs.position, r.act), wanted
 
 
 def during(value, first_s, last_s, n):

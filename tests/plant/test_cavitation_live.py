@@ -2,13 +2,11 @@
 
 import numpy as np
 
+from hexsim import load_scenario, web
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
-from hexsim.simulation.live import LiveMachine
-from hexsim.simulation.run_warnings import cavitation_warnings
-from hexsim.simulation.serve import Server
-from hexsim.web import Session
+from hexsim.simulation import live as live_machine
+from hexsim.simulation import run_warnings, serve
 
 PULL_N = 5e3  # tears the bench's piston from its oil
 
@@ -28,18 +26,18 @@ def test_live_says_it_in_a_runs_sentence():
     def note(live):
         states.append((live.plant.piston_positions().copy(), live.data.act.copy()))
 
-    live = LiveMachine(load_machine("bench"), observe=note)
+    live = live_machine.LiveMachine(load_machine("bench"), observe=note)
     note(live)
     pulled(live.plant, live.tick_s, lambda: live.advance(live.tick_s), [0.1], 1.6)
     positions, act = (np.array(values) for values in zip(*states, strict=True))
-    wanted = cavitation_warnings(live.plant, live.tick_s / live.steps_a_tick, positions, act)
+    wanted = run_warnings.cavitation_warnings(live.plant, live.tick_s / live.steps_a_tick, positions, act)
     assert len(wanted) == 1 and list(live.cavitation.told) == wanted
     assert "bottom chamber cavitated" in wanted[0]
 
 
 def test_a_void_that_is_open_at_the_end_is_said():
     """The machine begins anew, or stops, while the piston hangs in a void: one sentence each, with the void as it was; none twice."""
-    live = LiveMachine(load_machine("bench"))
+    live = live_machine.LiveMachine(load_machine("bench"))
     for _ in range(2):
         pulled(live.plant, live.tick_s, lambda: live.advance(live.tick_s), [0.1], 0.15)
         assert live.cavitation.unsaid() == []
@@ -51,7 +49,7 @@ def test_a_void_that_is_open_at_the_end_is_said():
 
 def test_the_page_says_it_as_it_closes():
     """A session that stops with a void open gives its sentence to whoever closed it, after those that it gave before."""
-    session = Session(load_machine("bench"), load_scenario("heave"))
+    session = web.Session(load_machine("bench"), load_scenario("heave"))
     pulled(session.live.plant, session.live.tick_s, lambda: session.live.advance(session.live.tick_s), [0.1, 2.1], 2.15)
     assert len(session.new_warnings()) == 1
     session.stop()
@@ -61,7 +59,7 @@ def test_the_page_says_it_as_it_closes():
 
 def test_serve_says_each_event_once():
     """Two pulls two seconds apart are two sentences in the status, the second one only once the run ends; none is said twice."""
-    with Server(load_machine("bench"), port=0) as server:
+    with serve.Server(load_machine("bench"), port=0) as server:
         pulled(server.plant, server.tick_s, server.tick, [0.1, 2.1], 2.5)
         assert server.cavitation.count == 1
         said = server.cavitation.since(0)

@@ -6,39 +6,38 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.hydraulics.effects import effect_setting, library
+from hexsim import HexsimError, load_scenario
+from hexsim.hydraulics import effects
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 BEGIN_S = 0.6
 # a learned term has a curve, no strength
-NAMES = [name for name, effect in library().items() if name != "learned_term" and not effect.built_in]
+NAMES = [name for name, effect in effects.library().items() if name != "learned_term" and not effect.built_in]
 
 
 def typical(name: str) -> dict:
     """Typical numbers; a relief that opens below the 3.4 MPa of a bench at rest, or it would do nothing."""
     below = {"opening_pressure_Pa": 3.0e6} if name == "relief_flow" else {}
-    return {parameter.name: parameter.typical for parameter in library()[name].parameters} | below
+    return {parameter.name: parameter.typical for parameter in effects.library()[name].parameters} | below
 
 
 def machine_for(name: str):
-    if library()[name].four_way:
+    if effects.library()[name].four_way:
         return load_machine("servo_bench")
-    return load_machine("bench" if "bench" in library()[name].kinds else "micro_motion_system")
+    return load_machine("bench" if "bench" in effects.library()[name].kinds else "micro_motion_system")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_plant_with_the_effect_switched_on_is_the_plant_that_always_had_it(name):
     """Rows, supply, masses, springs and gravity are those of a plant built with the effect; before, those without."""
     machine = machine_for(name)
-    plant = Plant(machine, later=[effect_setting(machine, name, typical(name), "test:")])
+    plant = Plant(machine, later=[effects.effect_setting(machine, name, typical(name), "test:")])
     np.testing.assert_array_equal(plant.rows, Plant(machine).rows)
     plant.tick(np.zeros(machine.n_legs))
-    plant.switch_on(*effect_setting(machine, name, typical(name), "test:"))
+    plant.switch_on(*effects.effect_setting(machine, name, typical(name), "test:"))
     always = Plant(changed(machine, {f"effects.{name}": typical(name)}))
     np.testing.assert_array_equal(plant.rows, always.rows)
     np.testing.assert_array_equal(plant.resolved.supply, always.resolved.supply)

@@ -6,14 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.hydraulics import leg
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.plant.states import ROW
-from hexsim.scenarios import load_scenario, scenario_from_dict
+from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
 
 QUIET = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0}
@@ -84,7 +83,7 @@ def test_shut_valves_hold_and_yield_only_by_the_oil():
 
 def test_load_that_the_supply_cannot_hold_is_refused():
     """A platform too heavy for the supply is refused before the run, naming the leg and its pressure."""
-    from hexsim.errors import HexsimError
+    from hexsim import HexsimError
 
     machine = changed(load_machine("bench"), {"load.moving_mass_kg": 2000.0})
     with pytest.raises(HexsimError, match=r"leg 1 needs \d+\.\d bar to hold the load"):
@@ -133,10 +132,12 @@ USER_ACTUATOR = """
 """
 
 
-@pytest.mark.parametrize("width", [0, ROW])
-def test_callbacks_leave_foreign_models_alone(width):
+@pytest.mark.parametrize("as_wide", [False, True])
+def test_callbacks_leave_foreign_models_alone(as_wide):
     """The callbacks stay installed; a model of somebody else with user actuators falls as without them, to the bit,
     even one whose user data is as wide as a plant's."""
+
+    width = Plant(load_machine("bench")).model.nuser_actuator if as_wide else 0
 
     def fall():
         model = mujoco.MjModel.from_xml_string(USER_ACTUATOR.format(width=width))

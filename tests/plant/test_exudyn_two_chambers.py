@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from hexsim import Machine
 from hexsim.hydraulics.parameters import P
-from hexsim.machine import Machine, load_machine
+from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 from hexsim.plant.stepping import mean_acceleration
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 QUIET = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0}

@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import leg
-from hexsim.hydraulics.parameters import declared_rows
-from hexsim.machine import available_machines, load_machine, models_folder
+import hexsim as hx
+from hexsim.hydraulics import leg, parameters
+from hexsim.machine import load_machine, models_folder
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 
-NAMES = available_machines()
+NAMES = hx.available()["machines"]
 
 
 def _generator():
@@ -122,7 +122,7 @@ def test_machines_stand_and_move_in_mujoco_alone(tmp_path):
         assert drift < 3e-7 and len(places) == machine.n_legs
         target = 0.02
         if path.endswith("scene.xml"):
-            rows, valve = declared_rows(machine), machine.valve
+            rows, valve = parameters.declared_rows(machine), machine.valve
             plant = Plant(machine, model="tendon")
             flows = [
                 leg.inflow(

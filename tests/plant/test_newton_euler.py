@@ -8,8 +8,7 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.newton_euler import What, native_platform
+from hexsim.plant import Plant, newton_euler
 
 WRITTEN = ("qacc", "act_dot", "ten_length", "ten_velocity", "actuator_force")
 OF_LEGS = ("actuator_length", "actuator_velocity")  # the supply's actuator acts on no leg
@@ -36,7 +35,7 @@ def two_of(machine):
 
 
 def by_us(plant, what):
-    ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(native_platform().address)(
+    ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(newton_euler.native_platform().address)(
         plant.model._address, plant.data._address, what
     )
 
@@ -49,8 +48,8 @@ def test_a_platform_moves_as_mujoco_says(name):
     ours, theirs = two_of(changed(machine, {"payload": PAYLOAD}))
     assert ours.is_one_body
     assert np.abs(ours.data.qvel).min() > 1e-4  # every direction moves
-    by_us(ours, What.LENGTHS)
-    by_us(ours, What.EVALUATE)
+    by_us(ours, newton_euler.What.LENGTHS)
+    by_us(ours, newton_euler.What.EVALUATE)
     mujoco.mj_forward(theirs.model, theirs.data)
     for field in WRITTEN:
         found, asked = getattr(ours.data, field), getattr(theirs.data, field)
@@ -61,7 +60,7 @@ def test_a_platform_moves_as_mujoco_says(name):
     for field in OF_PLATFORM:
         found, asked = (getattr(plant.data.body("platform"), field) for plant in (ours, theirs))
         np.testing.assert_allclose(found, asked, rtol=0.0, atol=1e-12, err_msg=field)
-    by_us(ours, What.RUNGE_KUTTA)
+    by_us(ours, newton_euler.What.RUNGE_KUTTA)
     mujoco.mj_RungeKutta(theirs.model, theirs.data, 4)
     for field in (*STATE, "qacc", "act_dot"):
         found, asked = getattr(ours.data, field), getattr(theirs.data, field)

@@ -5,14 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
+from hexsim.hydraulics import supply as supplies
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.supply import S, U
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.readout import POWER_UNIT_COLUMNS
+from hexsim.plant import Plant, readout
 from hexsim.plant.states import A
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 BAR = 1e5
@@ -110,8 +109,12 @@ def test_volume_balance(result, request):
     row = Plant(result.machine, model="tendon" if result.machine.is_hexapod else "full").resolved.supply
     pumped = integral(result, "pump_flow_m3_s")
     stored = np.diff(column(result, "accumulator_oil_m3")[[0, -1]])[0]
-    stored += np.diff(column(result, "pump_pressure_Pa")[[0, -1]])[0] * row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS]
-    manifold = row[S.MANIFOLD_VOLUME] / row[S.BULK_MODULUS] + row[S.HOSE_COMPLIANCE]
+    stored += (
+        np.diff(column(result, "pump_pressure_Pa")[[0, -1]])[0]
+        * row[supplies.S.PUMP_SIDE_VOLUME]
+        / row[supplies.S.BULK_MODULUS]
+    )
+    manifold = row[supplies.S.MANIFOLD_VOLUME] / row[supplies.S.BULK_MODULUS] + row[supplies.S.HOSE_COMPLIANCE]
     stored += np.diff(column(result, "true_pressure_supply_Pa")[[0, -1]])[0] * manifold
     given = integral(result, "supply_demand_m3_s") + integral(result, "relief_flow_m3_s")
     assert pumped == pytest.approx(given + stored, rel=1e-3)
@@ -183,7 +186,7 @@ def test_without_a_table_nothing_changes():
     plant = Plant(load_machine("bench"))
     assert plant.model.nu == 1 and not plant.has_supply_states
     result = run(load_machine("bench"), heave(0.2))
-    assert not set(POWER_UNIT_COLUMNS) & set(result.log.columns)
+    assert not set(readout.POWER_UNIT_COLUMNS) & set(result.log.columns)
     assert np.array_equal(column(result, "true_pressure_supply_Pa"), np.full(200, 7e6))
 
 
@@ -225,8 +228,8 @@ def test_relief_valve_takes_over():
     for _ in range(4000):
         plant.tick(np.zeros(1))
     state = plant.data.act[int(plant.layout[-1, A.SUPPLY]) :]
-    assert state[U.PUMP_PRESSURE] * 10 == pytest.approx(63.0, abs=0.1)
-    assert state[U.PUMP_FLOW] * 6e4 == pytest.approx(18.0, abs=0.1)
+    assert state[supplies.U.PUMP_PRESSURE] * 10 == pytest.approx(63.0, abs=0.1)
+    assert state[supplies.U.PUMP_FLOW] * 6e4 == pytest.approx(18.0, abs=0.1)
 
 
 def test_oil_warms_and_its_numbers_follow():
@@ -239,7 +242,7 @@ def test_oil_warms_and_its_numbers_follow():
     assert temperature[-1] > 40.0
     plant = Plant(machine)
     start = plant.rows.copy()
-    plant.data.act[int(plant.layout[-1, A.SUPPLY]) + U.TEMPERATURE] = 55.0
+    plant.data.act[int(plant.layout[-1, A.SUPPLY]) + supplies.U.TEMPERATURE] = 55.0
     plant.follow_oil_temperature()
     changed_places = np.flatnonzero(plant.rows[0] != start[0])
     assert np.array_equal(plant.rows[0, changed_places], plant.model.actuator_user[0, changed_places])
@@ -317,6 +320,6 @@ def test_a_number_that_stays_leaves_no_trace():
     plant = Plant(load_machine("micro_motion_system/power_unit"), model="tendon")
     for _ in range(5):
         plant.tick(np.zeros(6))
-        plant.change_supply(S.BURST, 1e-8)
+        plant.change_supply(supplies.S.BURST, 1e-8)
         plant.change_row(slice(None), P.SEAL_FRICTION, 1e-6)
     assert len(plant.history) == 2

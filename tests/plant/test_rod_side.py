@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import ports, rod_side
-from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim import load_scenario
+from hexsim.hydraulics import parameters, ports, rod_side
+from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals
-from hexsim.scenarios import load_scenario
+from hexsim.plant import Plant, readout
 from hexsim.simulation import simulate
 
 CHAMBER = {"cylinder.rod_side": "chamber"}
@@ -51,7 +50,7 @@ def test_energy_closes_with_a_wide_port_and_a_power_unit(timestep):
 
 def test_intake_is_the_port_where_the_port_is_slow():
     """Without a time step, or with a port slower than it, the intake is the orifice's flow to the bit."""
-    row = declared_rows(changed(load_machine("bench"), CHAMBER))[0]
+    row = parameters.declared_rows(changed(load_machine("bench"), CHAMBER))[0]
     for step, P2 in ((0.0, 6.99e6), (1e-7, 6.99e6), (1e-4, 1.0e6)):
         row[P.ROD_SIDE_CONDUCTANCE] = WIDE if step < 1e-4 else 1e-8
         assert rod_side.intake(row, 0.1, 0.1, 3e6, P2, 7e6, step) == rod_side.port_flow(row, P2, 7e6)
@@ -59,7 +58,7 @@ def test_intake_is_the_port_where_the_port_is_slow():
 
 def test_a_fast_port_reaches_the_same_balance():
     """The slowed flow vanishes where the port's does: with port flow -A2 v the pressure rate is 0."""
-    row = declared_rows(changed(load_machine("bench"), CHAMBER))[0]
+    row = parameters.declared_rows(changed(load_machine("bench"), CHAMBER))[0]
     speed = -rod_side.port_flow(row, 6.999e6, 7e6) / row[P.AREA_TOP]
     assert rod_side.intake(row, 0.1, 0.5 * speed, 3e6, 6.999e6, 7e6, 1e-4) != rod_side.port_flow(row, 6.999e6, 7e6)
     assert rod_side.port_rate(row, 0.1, speed, 3e6, 6.999e6, 7e6, 1e-4) == pytest.approx(0.0, abs=1e-3)
@@ -84,7 +83,7 @@ def test_what_leaks_past_the_piston_comes_from_the_rod_side(volts, worn):
     for _ in range(120):
         plant.tick(np.array([volts]))
     r, time = plant.record, np.arange(120) * 1e-3
-    legs = leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
+    legs = readout.leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
     P1, P2, y, v = (rows[:, 0] for rows in (legs.pressure_bottom, legs.pressure_top, legs.position, legs.velocity))
     assert abs(P2[-1] - 7e6) > 2e5
     row, across = plant.rows[0], leak + (5e-12 * np.exp(-(((y - 0.1) / 0.05) ** 2)) if worn else 0.0)

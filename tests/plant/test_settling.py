@@ -5,13 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import manifold
-from hexsim.hydraulics.leg import friction_force
+from hexsim.hydraulics import leg, manifold
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals
+from hexsim.plant import Plant, readout
 
 TICKS, TICK_S = 4000, 1.0e-3
 
@@ -27,7 +25,7 @@ def lowered():
     for _ in range(TICKS):
         plant.tick(np.zeros(1))
     record, time = plant.record, np.arange(TICKS) * TICK_S
-    return plant, leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts)
+    return plant, readout.leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts)
 
 
 def test_lowering_speed_by_hand(lowered):
@@ -36,7 +34,7 @@ def test_lowering_speed_by_hand(lowered):
     p, machine = plant.rows[0], plant.machine
     k = 800
     assert s.position[k, 0] > 1.5 * p[P.SETTLING_TAPER]
-    friction = abs(friction_force(p, s.position[k, 0], s.velocity[k, 0], s.pressure_bottom[k, 0], 0.0))
+    friction = abs(leg.friction_force(p, s.position[k, 0], s.velocity[k, 0], s.pressure_bottom[k, 0], 0.0))
     load = machine.load.moving_mass_kg * machine.machine.gravity_m_s2
     held = (load + p[P.SUPPLY_PRESSURE] * p[P.AREA_TOP] - friction) / p[P.AREA_BOTTOM]
     speed = p[P.SETTLING_GAIN] * math.sqrt(held - p[P.TANK_PRESSURE]) / p[P.AREA_BOTTOM]

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from hexsim import smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
-from hexsim.smoothness import band_limit
 
 QUIET = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0}
 UNDERLAP = {
@@ -47,7 +47,7 @@ def error(run, fine) -> float:
     """Of the true acceleration in the 50 Hz band, over its peak."""
     name = next(c for c in ("true_acceleration_z_m_s2", "true_acceleration_m_s2") if c in run.log.columns)
     time = fine.log["time_s"].to_numpy()
-    found, true = (band_limit(time, r.log[name].to_numpy()) for r in (run, fine))
+    found, true = (smoothness.band_limit(time, r.log[name].to_numpy()) for r in (run, fine))
     return float(np.abs(found - true).max() / np.abs(true).max())
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
-from hexsim.simulation import simulate
-from hexsim.simulation.run_warnings import swing_warnings
+from hexsim.simulation import run_warnings, simulate
 
 BENCH = load_machine("bench")
 TIME = np.arange(0.0, 3.0, 1.0 / BENCH.controller.rate_Hz)
@@ -18,7 +17,7 @@ FOLLOWS = np.gradient(SETPOINT, TIME) / 0.15
 
 
 def said(volts: np.ndarray, setpoint: np.ndarray = SETPOINT) -> list[str]:
-    return swing_warnings(BENCH, volts[:, None], setpoint[:, None])
+    return run_warnings.swing_warnings(BENCH, volts[:, None], setpoint[:, None])
 
 
 def test_a_loop_with_too_much_gain_is_named() -> None:

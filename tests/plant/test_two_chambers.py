@@ -8,14 +8,13 @@ import numpy as np
 import polars as pl
 import pytest
 
+from hexsim import Machine, load_scenario
 from hexsim.hydraulics import ports
 from hexsim.hydraulics.parameters import P
-from hexsim.machine import Machine, load_machine
+from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals
+from hexsim.plant import Plant, readout
 from hexsim.plant.states import A
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 MEASURED = Path(__file__).parents[3] / "shared" / "measured" / "servo_none"
@@ -45,7 +44,7 @@ def driven(machine: Machine, volts, timestep=None, at_start=lambda plant: None):
         plant.sense()
         plant.tick(np.array([u]))
     record, time = plant.record, np.arange(len(volts)) * 1e-3
-    return time, leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts), plant
+    return time, readout.leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts), plant
 
 
 @pytest.mark.parametrize("volts", [1.0, -1.0])
@@ -117,7 +116,7 @@ def test_volume_balance_of_both_chambers(machine):
         plant.sense()
         plant.tick(np.array([value]))
     record, time = plant.record, np.arange(len(u)) * 2e-4
-    s = leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts)
+    s = readout.leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts)
     y, P1, P2 = s.position[:, 0], s.pressure_bottom[:, 0], s.pressure_top[:, 0]
     V1, V2 = cylinder.pipeline_volume_m3 + A1 * y, cylinder.rod_side_volume_m3 + A2 * (cylinder.stroke_m - y)
     row, x = plant.rows[0], s.spool[:, 0]
@@ -200,7 +199,7 @@ def test_a_measured_set_is_answered_to_its_noise():
         plant.tick(u)
     record = plant.record
     time = log["time_s"].to_numpy()
-    s = leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts)
+    s = readout.leg_signals(plant, time, record.qpos, record.qvel, record.act, record.spool_volts)
     sensors = machine.sensors
     answers = {
         "position_m": (s.position[:, 0], math.hypot(sensors.position_noise_m, sensors.position_resolution_m / 12**0.5)),

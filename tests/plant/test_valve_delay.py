@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.hydraulics.valve import delay_in_ticks
+from hexsim.hydraulics import valve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
@@ -39,7 +39,7 @@ def test_a_delay_is_not_rounded_to_ticks(delay_s, name):
 
 def test_whole_ticks_and_the_rest():
     """1.4 ms are one tick and 0.4 ms; a rest that is rounding is none; no delay is none."""
-    whole, rest = delay_in_ticks(np.array([0.0, 1.4e-3, 3e-3, 0.1 + 0.2]), 1e-3)
+    whole, rest = valve.delay_in_ticks(np.array([0.0, 1.4e-3, 3e-3, 0.1 + 0.2]), 1e-3)
     assert whole.tolist() == [0, 1, 3, 300]
     np.testing.assert_allclose(rest, [0.0, 4e-4, 0.0, 0.0], atol=1e-15)
 

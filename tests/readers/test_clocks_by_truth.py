@@ -9,8 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hexsim.readers import Mapping, files, read_stretches
-from hexsim.readers.reader import RawLog, RawSignal, Reader
+from hexsim import readers
+from hexsim.readers import files, reader
 
 LENGTH_s = 6.0
 W = 2 * np.pi * 0.7
@@ -70,14 +70,14 @@ class Clock:
         return true, stamps, values
 
 
-class Made(Reader):
+class Made(reader.Reader):
     """A format that holds what a test put there."""
 
     name, suffixes = "made-up", (".made",)
-    signals: list[RawSignal]
+    signals: list[reader.RawSignal]
 
     def read(self, path, layout):
-        return RawLog(signals=self.signals)
+        return reader.RawLog(signals=self.signals)
 
 
 @pytest.fixture(scope="module")
@@ -94,9 +94,11 @@ def read(tmp_path_factory):
         for k, clock in enumerate(clocks):
             names = list(SIGNALS)[k : k + 1] if k + 1 < len(clocks) else list(SIGNALS)[k:]
             true, stamps, values = clock.made(names, rng)
-            made.signals += [RawSignal(name=name, values=x, stamps={"clock": stamps}) for name, x in values.items()]
+            made.signals += [
+                reader.RawSignal(name=name, values=x, stamps={"clock": stamps}) for name, x in values.items()
+            ]
             truth |= {name: (clock, true, stamps) for name in names}
-        return read_stretches(path, Mapping(kind="bench")), truth
+        return readers.read_stretches(path, readers.Mapping(kind="bench")), truth
 
     yield read
     files.readers.cache_clear()

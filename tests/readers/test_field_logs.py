@@ -11,10 +11,9 @@ import polars as pl
 import pytest
 import scipy.io
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, readers
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
-from hexsim.readers.files import logs_of_folder, raw_log
+from hexsim.readers import files
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 T = np.arange(1500) / 500.0
@@ -123,7 +122,7 @@ def test_texts(tmp_path, kind):
     text, names = TEXTS[kind]
     (tmp_path / "log.csv").write_text(text)
     (tmp_path / "mapping.toml").write_text(names)
-    hold(read_log(tmp_path / "log.csv"))
+    hold(readers.read_log(tmp_path / "log.csv"))
 
 
 def test_a_column_of_time_for_each_channel(tmp_path):
@@ -132,7 +131,7 @@ def test_a_column_of_time_for_each_channel(tmp_path):
     table = pl.DataFrame({"Time": T, **{k: v for k, v in TRUE.items() if k != "p1"}, "t2": T + 0.0007, "p1": late})
     table.write_csv(tmp_path / "log.csv")
     (tmp_path / "mapping.toml").write_text(mapping() + 'time = "t2"\n')
-    log = read_log(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
     assert log.columns["pressure_bottom_Pa"] == pytest.approx(1e5 * TRUE["p1"][1 : log.n + 1], abs=0.5)
 
 
@@ -143,7 +142,7 @@ def test_a_sparse_table_holds_two_clocks(tmp_path):
     second = pl.DataFrame({"Time": T + 0.0003, "p1": late})
     pl.concat([first, second], how="diagonal").sort("Time").write_csv(tmp_path / "log.csv")
     (tmp_path / "mapping.toml").write_text(mapping())
-    log = read_log(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
     assert log.rate == 500.0 and log.columns["pressure_bottom_Pa"] == pytest.approx(
         1e5 * TRUE["p1"][1 : log.n + 1], abs=0.5
     )
@@ -154,7 +153,7 @@ def test_two_rates_in_one_file(tmp_path):
     keep = (np.arange(len(T)) < 750) | (np.arange(len(T)) % 2 == 0)
     pl.DataFrame({"Time": T, **TRUE}).filter(pl.Series(keep)).write_csv(tmp_path / "log.csv")
     (tmp_path / "mapping.toml").write_text(mapping())
-    log = read_log(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
     assert log.rate == 500.0 and log.duration_s > 2.99
     assert np.median(log.weight("position_m")[:700]) == 1.0 and np.median(log.weight("position_m")[-600:]) == 0.5
     assert log.columns["position_m"] == pytest.approx(1e-3 * TRUE["Pos"][: log.n], abs=1e-6)
@@ -169,7 +168,7 @@ def test_a_marker_is_missing_however_long(tmp_path, length, column, marker):
     pl.DataFrame({"Time": T, **values}).write_csv(tmp_path / "log.csv")
     (tmp_path / "mapping.toml").write_text(mapping())
     name = COLUMNS[column][0]
-    log = read_log(tmp_path / "log.csv", machine=load_machine("bench"))
+    log = readers.read_log(tmp_path / "log.csv", machine=load_machine("bench"))
     assert np.flatnonzero(log.weight(name) == 0).tolist() == list(range(700, 700 + length))
     assert any(loss.startswith(f"column {name}: {length} ") and "row 702" in loss for loss in log.losses), log.losses
 
@@ -179,7 +178,7 @@ def test_markers_of_the_mapping_are_missing(tmp_path):
     values = {**TRUE, "p1": np.where(np.arange(len(T)) // 4 == 100, 0.0, TRUE["p1"])}
     pl.DataFrame({"Time": T, **values}).write_csv(tmp_path / "log.csv")
     (tmp_path / "mapping.toml").write_text(mapping() + "missing = [0.0]\n")
-    assert np.flatnonzero(read_log(tmp_path / "log.csv").weight("pressure_bottom_Pa") == 0).tolist() == [
+    assert np.flatnonzero(readers.read_log(tmp_path / "log.csv").weight("pressure_bottom_Pa") == 0).tolist() == [
         400,
         401,
         402,
@@ -193,7 +192,7 @@ def test_structs_by_path_each_with_its_own_time(tmp_path):
     part = {s: slice(k, None) if s == "p1" else slice(None, -k) for s in TRUE}
     scipy.io.savemat(tmp_path / "log.mat", {s: {"Time": T[part[s]], "Data": x[part[s]]} for s, x in TRUE.items()})
     (tmp_path / "mapping.toml").write_text(mapping(None, names=lambda name: f"{name}.Data"))
-    log = read_log(tmp_path / "log.mat")
+    log = readers.read_log(tmp_path / "log.mat")
     assert log.time[0] == pytest.approx(0.04) and log.n == len(T) - 2 * k
     assert log.columns["pressure_bottom_Pa"] == pytest.approx(1e5 * TRUE["p1"][k:-k])
     assert log.columns["position_m"] == pytest.approx(1e-3 * TRUE["Pos"][k:-k])
@@ -201,7 +200,7 @@ def test_structs_by_path_each_with_its_own_time(tmp_path):
     with pytest.raises(
         HexsimError, match=r"'Data' for setpoint_m may be Ref.Data, Pos.Data, U.Data, p1.Data: give the whole name"
     ):
-        read_log(tmp_path / "log.mat")
+        readers.read_log(tmp_path / "log.mat")
 
 
 def test_names_of_dspace(tmp_path):
@@ -213,7 +212,7 @@ def test_names_of_dspace(tmp_path):
     X[0, 0] = ("Time", T[None])
     scipy.io.savemat(tmp_path / "log.mat", {"rec": {"X": X, "Y": Y}})
     (tmp_path / "mapping.toml").write_text(mapping(None))
-    hold(read_log(tmp_path / "log.mat"))
+    hold(readers.read_log(tmp_path / "log.mat"))
 
 
 def test_stamps_of_parquet(tmp_path):
@@ -221,12 +220,12 @@ def test_stamps_of_parquet(tmp_path):
     stamps = pl.Series(np.round(T * 1e6).astype(np.int64) + 1_700_000_000_000_000).cast(pl.Datetime("us"))
     pl.DataFrame({"Time": stamps, **TRUE, "Note": ["x"] * len(T)}).write_parquet(tmp_path / "log.parquet")
     (tmp_path / "mapping.toml").write_text(mapping())
-    hold(read_log(tmp_path / "log.parquet"))
+    hold(readers.read_log(tmp_path / "log.parquet"))
     (tmp_path / "mapping.toml").write_text(mapping().replace('"p1"', '"Note"'))
     with pytest.raises(
         HexsimError, match=r"no column 'Note' for pressure_bottom_Pa: .*Not read: column Note holds String"
     ):
-        read_log(tmp_path / "log.parquet")
+        readers.read_log(tmp_path / "log.parquet")
 
 
 def test_a_column_of_text_is_refused_with_its_first_cell(tmp_path):
@@ -234,7 +233,7 @@ def test_a_column_of_text_is_refused_with_its_first_cell(tmp_path):
     (tmp_path / "log.csv").write_text(HEAD + ",Note\n" + "\n".join(rows(note=["", "late", *["on"] * (len(T) - 2)])))
     (tmp_path / "mapping.toml").write_text(mapping().replace('"p1"', '"Note"'))
     with pytest.raises(HexsimError, match="Not read: column Note holds text, the first is 'late' in row 3"):
-        read_log(tmp_path / "log.csv")
+        readers.read_log(tmp_path / "log.csv")
 
 
 def test_a_cylinder_at_its_end_is_not_saturated(tmp_path):
@@ -247,10 +246,10 @@ def test_a_cylinder_at_its_end_is_not_saturated(tmp_path):
         x = np.minimum(x + 0.2 * stroke * np.sin(3.0 * t) ** 2, limit)
         pl.DataFrame({"time_s": t, "position_m": x, "valve_V": np.cos(3 * t)}).write_csv(tmp_path / "log.csv")
         if whole:
-            assert read_log(tmp_path / "log.csv", machine=machine).n == len(t)
+            assert readers.read_log(tmp_path / "log.csv", machine=machine).n == len(t)
         else:
             with pytest.raises(HexsimError, match="position_m cannot be used, it is saturated"):
-                read_log(tmp_path / "log.csv", machine=machine)
+                readers.read_log(tmp_path / "log.csv", machine=machine)
 
 
 GOALS = {
@@ -263,7 +262,7 @@ GOALS = {
 def test_stamps_of_a_software_logger_are_kept(run):
     """Measured: the goal is a known function of the clock but for 3.6 ms; times are right to 0.3 ms rms (they were 3 to 8 ms
     off when rows were counted). A run that changes its rate from 187 to 290 Hz keeps its length and the stamps of its samples."""
-    log, raw = read_log(DATA / "bam_xl330" / run), pl.read_csv(DATA / "bam_xl330" / run)
+    log, raw = readers.read_log(DATA / "bam_xl330" / run), pl.read_csv(DATA / "bam_xl330" / run)
     stamps = raw["timestamp"].to_numpy()
     assert log.duration_s == pytest.approx(np.ptp(stamps), abs=0.02)
     goal = next((value for name, value in GOALS.items() if run.startswith(name)), None)
@@ -293,7 +292,7 @@ def test_topics_that_are_not_read_are_named(tmp_path):
     with pytest.raises(
         HexsimError, match=r"no signal of numbers\. Not read: topic /p is CDR with a ros2idl schema of a/msg/B"
     ):
-        raw_log(tmp_path / "log.mcap")
+        files.raw_log(tmp_path / "log.mcap")
 
 
 def test_notes_beside_logs_are_no_logs(tmp_path):
@@ -308,4 +307,4 @@ def test_notes_beside_logs_are_no_logs(tmp_path):
         (tmp_path / name).write_text(text)
     (tmp_path / "a.txt").write_text(HEAD + "\n" + "\n".join(rows()))
     pl.DataFrame({"Time": T, **TRUE}).write_parquet(tmp_path / "b.parquet")
-    assert [path.name for path in logs_of_folder(tmp_path)] == ["a.txt", "b.parquet"]
+    assert [path.name for path in files.logs_of_folder(tmp_path)] == ["a.txt", "b.parquet"]

@@ -12,10 +12,10 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.readers import files, formats, read_log
+from hexsim import HexsimError, readers
+from hexsim.readers import files, formats
 from hexsim.readers.formats import text
-from hexsim.setpoints.signals import read_setpoint_file
+from hexsim.setpoints import signals
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 ARROW = '''"""Arrow's own files."""
@@ -52,12 +52,12 @@ def test_a_format_of_ones_own_is_one_file(table, tmp_path, monkeypatch):
     (tmp_path / "arrow.py").write_text(ARROW)
     table.write_ipc(tmp_path / "run.arrow")
     with pytest.raises(HexsimError, match=r"a log ends in one of .*\.parquet"):
-        read_log(tmp_path / "run.arrow")
+        readers.read_log(tmp_path / "run.arrow")
     monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path)])
     files.readers.cache_clear()
     try:
-        log = read_log(tmp_path / "run.arrow")
-        setpoints = read_setpoint_file(tmp_path / "run.arrow")
+        log = readers.read_log(tmp_path / "run.arrow")
+        setpoints = signals.read_setpoint_file(tmp_path / "run.arrow")
         assert files.log_files(tmp_path, "run") == tmp_path / "run.arrow"
     finally:
         files.readers.cache_clear()
@@ -85,10 +85,10 @@ def test_two_mdf_channels_of_one_name_are_told_apart_by_their_group(table, tmp_p
     other = {"position_m": channels["position_m"] + 0.01}
     path = mdf(tmp_path / "two.mf4", [(stamps, channels), (stamps, other)])
     with pytest.raises(HexsimError, match=r"several signals for position_m: group 1\.position_m, group 2\.position_m"):
-        read_log(path)
+        readers.read_log(path)
     for group, values in (("group 1", channels), ("group 2", other)):
         (tmp_path / "mapping.toml").write_text(f'[columns.position_m]\nfrom = "{group}.position_m"\n')
-        assert np.array_equal(read_log(path).columns["position_m"], values["position_m"])
+        assert np.array_equal(readers.read_log(path).columns["position_m"], values["position_m"])
 
 
 def test_an_mdf_channel_that_ends_early_is_missing_there(table, tmp_path):
@@ -96,7 +96,7 @@ def test_an_mdf_channel_that_ends_early_is_missing_there(table, tmp_path):
     stamps, channels = columns_of(table)
     supply = channels.pop("pressure_supply_Pa")
     part = slice(0, 1201, 2)
-    log = read_log(
+    log = readers.read_log(
         mdf(tmp_path / "ends.mf4", [(stamps, channels), (stamps[part], {"pressure_supply_Pa": supply[part]})])
     )
     assert not any("frozen" in loss for loss in log.losses)
@@ -115,7 +115,7 @@ def test_timetables_of_matlab_are_read(table, tmp_path, version):
     frame.index = pd.to_timedelta(np.arange(len(frame)) * 400, unit="us")
     frame.index.name = "Time"
     matio.save_to_mat(str(tmp_path / "run.mat"), {"run": frame}, version=version)
-    log = read_log(tmp_path / "run.mat")
+    log = readers.read_log(tmp_path / "run.mat")
     assert (log.rate, log.n) == (2500.0, len(frame))
     for name, values in log.columns.items():
         assert np.array_equal(values, frame[name].to_numpy()), name
@@ -135,7 +135,7 @@ def test_without_mat_io_a_timetable_is_refused_with_what_to_do(tmp_path, monkeyp
     with pytest.raises(
         HexsimError, match=r"of version 7\.3: pip install 'hexsim\[matlab\]' to read it, or save it again"
     ):
-        read_log(tmp_path / "run.mat")
+        readers.read_log(tmp_path / "run.mat")
 
 
 def test_columns_with_units_in_brackets_are_read(table, tmp_path):
@@ -143,7 +143,7 @@ def test_columns_with_units_in_brackets_are_read(table, tmp_path):
     renamed = table.with_columns(pl.col("position_m") * 1e3, pl.col("pressure_bottom_Pa") / 1e5)
     renamed = renamed.rename({"position_m": "Position [mm]", "pressure_bottom_Pa": "Pressure bottom (Bar)"})
     renamed.write_csv(tmp_path / "log.csv")
-    log = read_log(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
     assert np.allclose(log.columns["position_m"], table["position_m"].to_numpy(), rtol=1e-12)
     assert np.allclose(log.columns["pressure_bottom_Pa"], table["pressure_bottom_Pa"].to_numpy(), rtol=1e-12)
 
@@ -176,12 +176,11 @@ def test_a_gzip_bomb_is_bounded(tmp_path, line):
 
 def test_inflated_pieces_are_bounded(tmp_path):
     """No piece is larger than the chunk, however well it is packed, and together they are the whole."""
-    from hexsim.readers.formats.text import CHUNK, inflated
 
     path = bomb(tmp_path / "bomb.csv.gz", b"0,0\n", 30)
     with open(path, "rb") as file:
-        sizes = [len(piece) for piece in inflated(file)]
-    assert max(sizes) <= CHUNK and sum(sizes) == len(b"time_s,position_m\n") + 30_000_000
+        sizes = [len(piece) for piece in text.inflated(file)]
+    assert max(sizes) <= text.CHUNK and sum(sizes) == len(b"time_s,position_m\n") + 30_000_000
 
 
 def test_more_text_than_is_read_is_said(table, tmp_path, monkeypatch):
@@ -189,7 +188,7 @@ def test_more_text_than_is_read_is_said(table, tmp_path, monkeypatch):
     monkeypatch.setitem(text.file_bytes.__kwdefaults__, "most_bytes", 50_000)
     monkeypatch.setattr("hexsim.readers.formats.text.CHUNK", 10_000)
     table.write_csv(tmp_path / "log.csv")
-    log = read_log(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
     assert any("only so much of it is used" in loss for loss in log.losses)
     assert 500 < log.n < len(table)
     assert np.array_equal(log.columns["position_m"], table["position_m"].to_numpy()[: log.n])
@@ -202,7 +201,7 @@ def test_a_delay_longer_than_the_log_is_refused(table, tmp_path):
     with pytest.raises(
         HexsimError, match=r"\[columns\.acceleration_m_s2\] delay_s = 10 .* is longer than the log \(2 s\)"
     ):
-        read_log(tmp_path / "log.csv")
+        readers.read_log(tmp_path / "log.csv")
 
 
 def test_missing_setpoints_of_a_held_signal_are_those_of_their_tick(tmp_path):
@@ -213,7 +212,7 @@ def test_missing_setpoints_of_a_held_signal_are_those_of_their_tick(tmp_path):
         pl.when(pl.Series(missing)).then(None).otherwise(pl.col("setpoint_m")).alias("setpoint_m")
     )
     holes.write_csv(tmp_path / "log.csv")
-    log = read_log(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
     true, same_tick = whole["setpoint_m"].to_numpy(), missing.reshape(-1, 2).all(axis=1).repeat(2)
     assert np.array_equal(log.columns["setpoint_m"][~same_tick], true[~same_tick])
     assert np.allclose(log.columns["setpoint_m"], true, rtol=0, atol=2e-5)  # a straight line over 4 ms
@@ -226,9 +225,9 @@ def test_filled_samples_are_marked(table, tmp_path):
         pl.when(pl.int_range(pl.len()).is_between(100, 103)).then(None).otherwise(pl.col("valve_V")).alias("valve_V")
     )
     pl.concat([holes[:700], holes[703:]]).write_csv(tmp_path / "log.csv")
-    log = read_log(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
     assert set(log.repaired) == set(log.columns)
     assert np.flatnonzero(log.repaired["valve_V"]).tolist() == [100, 101, 102, 103, 700, 701, 702]
     assert np.flatnonzero(log.repaired["position_m"]).tolist() == [700, 701, 702]
-    assert read_log(CLEAN).repaired == {}
+    assert readers.read_log(CLEAN).repaired == {}
     assert "valve_V" in log.head(0.2).repaired and "position_m" not in log.head(0.2).repaired

@@ -16,9 +16,8 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hexsim.errors import HexsimError
-from hexsim.readers import files, read_log
-from hexsim.readers.reader import Reader
+from hexsim import HexsimError, readers
+from hexsim.readers import files, reader
 
 T = np.arange(600) / 500.0
 COLUMNS = {
@@ -30,7 +29,7 @@ COLUMNS = {
 MEMORY_MB = 1000  # beyond what an empty interpreter with the readers takes
 PROGRAM = """
 import resource, sys
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.readers import read_log
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
@@ -186,7 +185,7 @@ def test_a_bag_names_no_code(tmp_path):
         f"update topics set type = '{name}'; insert into message_definitions values('{name}', 'float64 x');",
     )
     with pytest.raises(HexsimError, match="message definition is not read"):
-        read_log(path)
+        readers.read_log(path)
     assert not touched.exists()
 
 
@@ -227,7 +226,7 @@ def test_a_panic_of_rust_is_a_sentence(tmp_path, monkeypatch):
 
 
 def say_anything(folder: Path, monkeypatch, raised: BaseException) -> None:
-    class Broken(Reader):
+    class Broken(reader.Reader):
         name, suffixes = "broken", (".broken",)
 
         def read(self, path, layout):
@@ -236,7 +235,7 @@ def say_anything(folder: Path, monkeypatch, raised: BaseException) -> None:
     monkeypatch.setitem(files.readers(), ".broken", Broken())
     (folder / "x.broken").write_text("")
     with pytest.raises(HexsimError, match=r"^cannot read .*x\.broken as broken: .+$"):
-        read_log(folder / "x.broken")
+        readers.read_log(folder / "x.broken")
 
 
 def whole_files(folder: Path) -> dict[str, Path]:
@@ -310,7 +309,7 @@ def test_truncated_and_mutated_files(whole, work, ending, changes, kept):
     path = work / f"x.{ending}"
     path.write_bytes(content)
     try:
-        log = read_log(path)
+        log = readers.read_log(path)
     except HexsimError as error:
         assert "\n" not in str(error) and len(str(error)) < 3000
         return
@@ -331,13 +330,13 @@ def test_a_damaged_mat_file_is_a_sentence_and_no_crash(tmp_path, what):
     path = tmp_path / "run.mat"
     time = np.arange(600) * 1e-3
     scipy.io.savemat(path, {"time_s": time, "position_m": 0.1 + 0.01 * np.sin(9.0 * time)})
-    assert len(read_log(path).time) == 600
+    assert len(readers.read_log(path).time) == 600
     damaged = bytearray(path.read_bytes())
     place, value = MAT_PLACES[what]
     damaged[place] = value
     path.write_bytes(damaged)
     with pytest.raises(HexsimError, match=r"cannot read .*run\.mat as MAT-file: it is damaged"):
-        read_log(path)
+        readers.read_log(path)
 
 
 def test_stamps_that_fall_together_are_one(tmp_path):
@@ -347,7 +346,7 @@ def test_stamps_that_fall_together_are_one(tmp_path):
     time[300] = time[301] - 1e-9
     table = np.stack([time, 0.1 + 0.01 * np.sin(9.0 * time)], axis=1)
     np.savetxt(path, table, delimiter=",", header="time_s,position_m", comments="", fmt="%.9f")
-    log = read_log(path)
+    log = readers.read_log(path)
     seen = np.isfinite(log.columns["position_m"])
     assert seen.sum() > 590
     assert np.abs(log.columns["position_m"] - 0.1 - 0.01 * np.sin(9.0 * log.time))[seen].max() < 1e-4
@@ -360,4 +359,4 @@ def test_signals_of_another_length_than_their_time_are_said(tmp_path):
     with pytest.raises(
         HexsimError, match="no signal that is as long as its time: column position_m has 354 values, its time 600"
     ):
-        read_log(path)
+        readers.read_log(path)

@@ -22,9 +22,8 @@ from nptdms import ChannelObject, TdmsWriter
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from hexsim.errors import HexsimError
-from hexsim.readers import Mapping, log_files, read_log
-from hexsim.readers.files import raw_log
+from hexsim import HexsimError, readers
+from hexsim.readers import files
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 FORMATS = ("tdms", "h5", "npz", "jsonl", "xlsx", "uff")
@@ -87,7 +86,7 @@ def test_what_was_written_is_read(columns, tmp_path, suffix):
     """A bench log through each format: all signals, times within 1 us (the single precision of UFF: 1e-5 of the position),
     1000 Hz, nothing missing; and the name is found in its folder."""
     write(tmp_path / f"run.{suffix}", columns)
-    log = read_log(log_files(tmp_path, "run"))
+    log = readers.read_log(readers.log_files(tmp_path, "run"))
     want = pl.DataFrame(columns)
     for stem in ("setpoint_m", "position_m", "valve_V", "pressure_bottom_Pa", "acceleration_m_s2"):
         found = np.ravel(log.signal(stem.rpartition("_")[0] if stem != "acceleration_m_s2" else "acceleration"))
@@ -123,9 +122,11 @@ def test_channels_with_clocks_of_their_own(columns, tmp_path):
         file["b/pressure_bottom"].attrs["units"] = "bar"
         for name, values in fast.items():
             file[f"a/{name}"] = values
-    bar = Mapping.model_validate({"columns": {"pressure_bottom_Pa": {"from": "b.pressure_bottom", "unit": "bar"}}})
+    bar = readers.Mapping.model_validate(
+        {"columns": {"pressure_bottom_Pa": {"from": "b.pressure_bottom", "unit": "bar"}}}
+    )
     for path, mapping in ((tmp_path / "wave.tdms", None), (tmp_path / "groups.h5", bar)):
-        log = read_log(path, mapping)
+        log = readers.read_log(path, mapping)
         found, at = np.ravel(log.signal("pressure_bottom")), np.round(1e3 * log.time).astype(int)
         begins = round(1e3 * (time[0] if "h5" in path.name else 0.0))
         whole = columns["pressure_bottom_Pa"][at - begins]
@@ -172,10 +173,10 @@ def test_bags_of_every_kind(columns, tmp_path, kind):
                 serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
                 data = serialize(message(stamp, float(value), store), PRESSURE)
                 bag.write(connection, stamp + int(random.integers(0, 4_000_000)), data)
-    mapping = Mapping.model_validate(
+    mapping = readers.Mapping.model_validate(
         {"kind": "bench", "columns": {c: {"from": f"{t[1:]}.fluid_pressure"} for t, c in names.items()}}
     )
-    log = read_log(path, mapping)
+    log = readers.read_log(path, mapping)
     for column in names.values():
         found = np.ravel(log.signal(column.rpartition("_")[0]))
         np.testing.assert_allclose(found, columns[column][: len(found)], rtol=1e-12)
@@ -223,7 +224,7 @@ def swollen(kind: str, path: Path) -> Path:
 LIMITED = """
 import resource, sys, time
 from pathlib import Path
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.readers.files import raw_log
 begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
@@ -265,7 +266,7 @@ def test_damaged_files_are_a_sentence_or_a_log(tmp_path_factory, data, suffix):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path.write_bytes(content[: data.draw(st.integers(0, len(content)))] if data.draw(st.booleans()) else content)
     try:
-        raw = raw_log(path)
+        raw = files.raw_log(path)
     except HexsimError as error:
         assert "\n" not in str(error).strip()
     else:
@@ -277,7 +278,7 @@ def test_pickled_objects_are_never_read(tmp_path):
     np.savez(
         tmp_path / "run.npz", time_s=np.arange(5.0), position_m=np.arange(5.0), evil=np.array([print, {}], dtype=object)
     )
-    raw = raw_log(tmp_path / "run.npz")
+    raw = files.raw_log(tmp_path / "run.npz")
     assert {signal.name for signal in raw.signals} == {"time_s", "position_m"}
     assert "array evil holds objects" in raw.left_out[0]
 
@@ -308,7 +309,7 @@ time_s = {from = "T"}
 "pressure_bottom_{leg}_Pa" = {from = "P{leg}"}
 """
     )
-    log = read_log(tmp_path / "run.csv")
+    log = readers.read_log(tmp_path / "run.csv")
     for leg in true:
         found = np.asarray(log.columns[f"position_{leg}_m"])
         assert np.ptp(found - true[leg]) < 8e-6  # two counts; a counter does not know its turn
@@ -329,7 +330,7 @@ def test_mappings_that_make_no_sense_are_refused(tmp_path, line, sentence):
     (tmp_path / "run.csv").write_text("time_s,x\n0,1\n1,2\n2,3\n")
     (tmp_path / "mapping.toml").write_text(f"[columns]\n{line}\n")
     with pytest.raises(HexsimError, match=sentence) as refused:
-        read_log(tmp_path / "run.csv")
+        readers.read_log(tmp_path / "run.csv")
     assert str(tmp_path / "mapping.toml") in str(refused.value)
 
 
@@ -354,10 +355,10 @@ def test_results_of_modelica_tools_by_name(tmp_path):
     }
     scipy.io.savemat(tmp_path / "run.mat", tables, format="4")
     signals = {"position_m": {"from": "cylinder.s"}, "pressure_bottom_Pa": {"from": "volume.p"}}
-    log = read_log(tmp_path / "run.mat", Mapping.model_validate({"kind": "bench", "columns": signals}))
+    log = readers.read_log(tmp_path / "run.mat", readers.Mapping.model_validate({"kind": "bench", "columns": signals}))
     np.testing.assert_allclose(log.columns["position_m"], position[: log.n], atol=1e-9)
     np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], pressure[: log.n], rtol=1e-9)
-    found = {signal.name: signal.values for signal in raw_log(tmp_path / "run.mat").signals}
+    found = {signal.name: signal.values for signal in files.raw_log(tmp_path / "run.mat").signals}
     np.testing.assert_allclose(found["volume.minus_p"], -pressure)
     assert "mass.m" not in found
 
@@ -385,7 +386,7 @@ def test_twincat_scope_has_a_time_for_each_channel(tmp_path):
         "position_m": {"from": "MAIN.Pos", "unit": "mm"},
         "pressure_bottom_Pa": {"from": "MAIN.p", "unit": "bar"},
     }
-    log = read_log(tmp_path / "run.txt", Mapping.model_validate({"kind": "bench", "columns": columns}))
+    log = readers.read_log(tmp_path / "run.txt", readers.Mapping.model_validate({"kind": "bench", "columns": columns}))
     np.testing.assert_allclose(log.columns["position_m"], 1e-3 * position[: log.n], atol=1e-8)
     np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], 1e5 * pressure[: log.n], atol=2.0)
     assert log.weight("pressure_bottom_Pa").mean() == pytest.approx(0.5, abs=0.01)

@@ -8,10 +8,9 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import load_scenario, readers
 from hexsim.cli import app
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
@@ -72,7 +71,7 @@ def test_a_foreign_bench_log_is_understood(tmp_path, style, seed):
     done = run(tmp_path / "rig.csv", "--machine", "bench")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "mapping.png").stat().st_size > 10_000
-    log = read_log(tmp_path / "rig.csv")
+    log = readers.read_log(tmp_path / "rig.csv")
     for column in STYLES[style]:
         if column != "time_s":
             want = source[column].to_numpy()[: log.n]
@@ -99,7 +98,7 @@ def test_six_legs_are_twelve_lines_at_most(tmp_path):
     text = (tmp_path / "mapping.toml").read_text()
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert len(lines) <= 12 and '"position_{leg}_m" = {from = "ist[{leg0}]"' in text
-    read = read_log(tmp_path / "rig.csv")
+    read = readers.read_log(tmp_path / "rig.csv")
     for column in ("position_3_m", "setpoint_6_m", "valve_1_V", "pressure_bottom_4_Pa", "pressure_supply_Pa"):
         want = log[column].to_numpy()[: read.n]
         np.testing.assert_allclose(read.columns[column], want, rtol=1e-6, atol=1e-6 * np.abs(want).max())

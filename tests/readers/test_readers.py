@@ -9,11 +9,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, readers
 from hexsim.machine import load_machine
-from hexsim.own.folder import load_simulated
-from hexsim.readers import read_log, read_stretches
-from hexsim.tracing.checks.checks import check_log
+from hexsim.own import folder as own_folder
+from hexsim.tracing.checks import checks
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 CLEAN = DATA / "bench_none" / "fit.csv.gz"
@@ -33,7 +32,7 @@ def written(table: pl.DataFrame, folder: Path, name: str = "log.csv") -> Path:
 
 def test_measured_bench_is_read_as_it_stands():
     """A clean log gives its numbers to the bit, 1000 Hz, and no loss."""
-    log = read_log(CLEAN)
+    log = readers.read_log(CLEAN)
     raw = pl.read_csv(CLEAN)
     assert (log.kind, log.n_legs, log.rate, log.losses) == ("bench", 1, 1000.0, ())
     for name, values in log.columns.items():
@@ -56,7 +55,7 @@ def test_every_format_gives_the_same_run(table, tmp_path, ending):
         scipy_io.savemat(path, {name: table[name].to_numpy() for name in table.columns})
     else:
         write_mdf(table, path)
-    log = read_log(path)
+    log = readers.read_log(path)
     assert log.name == "run"
     assert log.losses == ()
     assert set(log.columns) == set(table.columns) - {"time_s"}
@@ -87,7 +86,7 @@ def test_mdf_states_its_own_units(table, tmp_path):
     bars = table.with_columns(pl.col("pressure_bottom_Pa", "pressure_supply_Pa") / 1e5)
     bars = bars.rename({"pressure_bottom_Pa": "pressure_bottom", "pressure_supply_Pa": "pressure_supply"})
     write_mdf(bars, tmp_path / "bars.mf4", units=True)
-    log = read_log(tmp_path / "bars.mf4")
+    log = readers.read_log(tmp_path / "bars.mf4")
     np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], table["pressure_bottom_Pa"].to_numpy(), rtol=1e-12)
 
 
@@ -111,7 +110,7 @@ def test_mapping_file_names_units_and_delays(table, tmp_path):
         '[columns.valve_V]\nfrom = "Ventil"\n[columns.pressure_bottom_Pa]\nfrom = "Druck"\nunit = "bar"\n'
         '[columns.acceleration_m_s2]\nfrom = "a"\nunit = "g"\ndelay_s = 0.012\n'
     )
-    log = read_log(tmp_path / "log.txt", tmp_path / "map.toml")
+    log = readers.read_log(tmp_path / "log.txt", tmp_path / "map.toml")
     n = len(log.time)
     assert n == len(table) - late
     for name in ("position_m", "valve_V", "pressure_bottom_Pa", "acceleration_m_s2"):
@@ -123,7 +122,7 @@ def test_mapping_file_names_units_and_delays(table, tmp_path):
 def test_unit_in_a_column_name_is_converted_and_said(table, tmp_path):
     """position_mm and pressure_bottom_bar need no mapping file."""
     path = written(table.with_columns(position_mm=pl.col("position_m") * 1e3).drop("position_m"), tmp_path)
-    log = read_log(path)
+    log = readers.read_log(path)
     np.testing.assert_allclose(log.columns["position_m"], table["position_m"].to_numpy(), rtol=1e-12)
     assert any("position_mm was read as position_m (times 0.001)" in loss for loss in log.losses)
 
@@ -142,13 +141,13 @@ def test_unit_in_a_column_name_is_converted_and_said(table, tmp_path):
 def test_a_wrong_mapping_is_refused_with_a_sentence(table, tmp_path, mapping, sentence):
     (tmp_path / "map.toml").write_text(mapping)
     with pytest.raises(HexsimError, match=re.escape(sentence)):
-        read_log(written(table, tmp_path), tmp_path / "map.toml")
+        readers.read_log(written(table, tmp_path), tmp_path / "map.toml")
 
 
 def test_gap_splits_and_the_longest_stretch_is_used(table, tmp_path):
     """0.3 s missing after 0.5 s: the loss names it; read_stretches gives both parts, the longer first."""
     path = written(pl.concat([table[:600], table[900:]]), tmp_path)
-    parts = read_stretches(path)
+    parts = readers.read_stretches(path)
     assert [len(part.time) for part in parts] == [1100, 600]
     assert any("1 gaps in time_s, 300 samples in all, the first after row 601" in loss for loss in parts[0].losses)
     np.testing.assert_array_equal(parts[0].columns["position_m"], table["position_m"].to_numpy()[900:])
@@ -159,7 +158,7 @@ def test_short_gap_and_missing_cells_are_filled_and_counted(table, tmp_path):
     holes = table.with_columns(
         pl.when(pl.int_range(pl.len()).is_between(100, 103)).then(None).otherwise(pl.col("valve_V")).alias("valve_V")
     )
-    log = read_log(written(pl.concat([holes[:700], holes[703:]]), tmp_path))
+    log = readers.read_log(written(pl.concat([holes[:700], holes[703:]]), tmp_path))
     assert len(log.time) == len(table)
     assert any("valve_V: 4 missing values, the first in row 102" in loss for loss in log.losses)
     assert any("position_m: 3 samples filled" in loss for loss in log.losses)
@@ -172,7 +171,7 @@ def test_repeated_backward_and_wild_stamps_are_dropped_and_named(table, tmp_path
     t[50] = t[49]  # repeated
     t[400] = t[398] - 2e-4  # backward
     t[900] = 1e6  # wild
-    log = read_log(written(table.with_columns(time_s=pl.Series(t)), tmp_path))
+    log = readers.read_log(written(table.with_columns(time_s=pl.Series(t)), tmp_path))
     for sentence in (
         "1 rows repeat a time stamp, the first in row 52",
         "1 rows with time stamps that fit neither neighbour, the first in row 902",
@@ -184,12 +183,12 @@ def test_repeated_backward_and_wild_stamps_are_dropped_and_named(table, tmp_path
 
 def test_two_runs_in_one_file_are_refused(table, tmp_path):
     with pytest.raises(HexsimError, match=r"goes back from .* in row 2002: two runs in one file"):
-        read_log(written(pl.concat([table, table]), tmp_path))
+        readers.read_log(written(pl.concat([table, table]), tmp_path))
 
 
 def test_coarse_stamps_are_spread(table, tmp_path):
     """1 kHz data stamped with two decimals: ten rows share a stamp; the rate comes back."""
-    log = read_log(written(table.with_columns(time_s=(pl.col("time_s") - 0.0049).round(2)), tmp_path))
+    log = readers.read_log(written(table.with_columns(time_s=(pl.col("time_s") - 0.0049).round(2)), tmp_path))
     assert log.rate == pytest.approx(1000.0, rel=2e-3)
     assert any("below their resolution of 10 ms): rows counted instead" in loss for loss in log.losses)
 
@@ -197,23 +196,23 @@ def test_coarse_stamps_are_spread(table, tmp_path):
 def test_saturated_and_frozen_channels(table, tmp_path):
     """A clipped accelerometer is left out, a frozen pressure ends the stretch, a clipped position is refused."""
     clipped = table.with_columns(pl.col("acceleration_m_s2").clip(upper_bound=0.1))
-    log = read_log(written(clipped, tmp_path))
+    log = readers.read_log(written(clipped, tmp_path))
     assert "acceleration_m_s2" not in log.columns
     assert any("acceleration_m_s2: left out: it is saturated at 0.1" in loss for loss in log.losses)
     P = table["pressure_bottom_Pa"].to_numpy().copy()
     P[1200:1700] = P[1200]
-    log = read_log(written(table.with_columns(pressure_bottom_Pa=pl.Series(P)), tmp_path))
+    log = readers.read_log(written(table.with_columns(pressure_bottom_Pa=pl.Series(P)), tmp_path))
     assert any("pressure_bottom_Pa: 499 rows of a frozen value, the first in row 1203" in loss for loss in log.losses)
     assert len(log.time) == 1201
     top = float(table["position_m"].quantile(0.7))
     with pytest.raises(HexsimError, match=r"position_m cannot be used, it is saturated at"):
-        read_log(written(table.with_columns(pl.col("position_m").clip(upper_bound=top)), tmp_path))
+        readers.read_log(written(table.with_columns(pl.col("position_m").clip(upper_bound=top)), tmp_path))
 
 
 def test_a_spike_of_one_sample_is_taken_out_and_said(table, tmp_path):
     P = table["pressure_bottom_Pa"].to_numpy().copy()
     P[777] = 9e6
-    log = read_log(written(table.with_columns(pressure_bottom_Pa=pl.Series(P)), tmp_path))
+    log = readers.read_log(written(table.with_columns(pressure_bottom_Pa=pl.Series(P)), tmp_path))
     assert any("pressure_bottom_Pa: 1 spikes of a single sample, the first in row 779" in loss for loss in log.losses)
     assert abs(log.columns["pressure_bottom_Pa"][777] - P[776]) < 1e5
 
@@ -234,13 +233,13 @@ def test_a_spike_of_one_sample_is_taken_out_and_said(table, tmp_path):
 )
 def test_what_cannot_be_used_is_refused_with_a_sentence(table, tmp_path, change, sentence):
     with pytest.raises(HexsimError, match=re.escape(sentence)):
-        read_log(written(change(table), tmp_path))
+        readers.read_log(written(change(table), tmp_path))
 
 
 def test_a_truncated_gzip_gives_its_whole_rows_and_says_so(table, tmp_path):
     whole = gzip.compress(table.write_csv().encode())
     (tmp_path / "cut.csv.gz").write_bytes(whole[: int(len(whole) * 0.7)])
-    log = read_log(tmp_path / "cut.csv.gz")
+    log = readers.read_log(tmp_path / "cut.csv.gz")
     assert 1000 < len(log.time) < 1900
     assert any("truncated gzip file" in loss for loss in log.losses)
     np.testing.assert_array_equal(log.columns["position_m"], table["position_m"].to_numpy()[: len(log.time)])
@@ -249,9 +248,9 @@ def test_a_truncated_gzip_gives_its_whole_rows_and_says_so(table, tmp_path):
 def test_fifty_hertz_and_three_seconds_are_read(tmp_path):
     """Slow and short logs are logs; what they cannot tell is the business of the checks."""
     raw = pl.read_csv(CLEAN)
-    slow = read_log(written(raw.gather_every(20), tmp_path, "slow.csv"))
+    slow = readers.read_log(written(raw.gather_every(20), tmp_path, "slow.csv"))
     assert slow.rate == 50.0
-    short = read_log(written(raw[:3000], tmp_path, "short.csv"))
+    short = readers.read_log(written(raw[:3000], tmp_path, "short.csv"))
     assert short.duration_s == pytest.approx(2.999)
 
 
@@ -263,7 +262,7 @@ def test_own_machine_with_whitespace_and_comment_header(tmp_path):
         'kind = "own"\n[file]\nseparator = "whitespace"\ncomment = "#"\ncolumns = ["t", "n", "junk"]\n'
         '[columns.time_s]\nfrom = "t"\n[columns.motor_speed_rad_s]\nfrom = "n"\nunit = "rpm"\n'
     )
-    log = read_log(tmp_path / "x.exp", tmp_path / "map.toml")
+    log = readers.read_log(tmp_path / "x.exp", tmp_path / "map.toml")
     assert (log.kind, log.rate, list(log.columns)) == ("own", 50.0, ["motor_speed_rad_s"])
     np.testing.assert_allclose(log.columns["motor_speed_rad_s"], np.sin(np.arange(200) / 9) * np.pi / 30, atol=1e-7)
     assert any("not used" in loss and "junk" in loss for loss in log.losses)
@@ -281,7 +280,7 @@ def test_letters_behind_numbers_and_means_of_a_slow_test(tmp_path):
     (tmp_path / "model.toml").write_text(
         '[parameters]\ngain = { start = 1.0 }\n[outputs.q]\nformula = "gain * i"\n[simulation]\naverage_s = 0.5\n'
     )
-    own = load_simulated(tmp_path)
+    own = own_folder.load_simulated(tmp_path)
     assert own.fit[0].n == 80 and own.fit[0].rate == pytest.approx(2.0)
     np.testing.assert_allclose(own.fit[0].columns["q"], flow.reshape(80, 50).mean(axis=1), rtol=1e-5, atol=1e-2)
     noise = own.fit[0].columns["i"] - own.fit[0].columns["q"] / 2000.0
@@ -296,7 +295,7 @@ def test_ten_million_rows_are_cut_with_a_stated_loss(tmp_path):
     with open(path, "wb") as file:
         for k in range(500):
             block.with_columns((pl.col("time_s") + 20.0 * k).round(4)).write_csv(file, include_header=k == 0)
-    log = read_log(path)
+    log = readers.read_log(path)
     assert len(log.time) == 2_000_000
     assert any("more than 2,000,000 rows" in loss for loss in log.losses)
 
@@ -390,7 +389,7 @@ def test_mutated_files_never_fail_silently(tmp_path, count):
             outcome["refused"] += 1
             continue
         assert np.all(np.isfinite(values_seen(log))), seed
-        if log.losses or [finding for finding in check_log(log, machine) if finding.channel != "time_s"]:
+        if log.losses or [finding for finding in checks.check_log(log, machine) if finding.channel != "time_s"]:
             outcome["stated"] += 1
         elif len(values_seen(log)) == len(values_seen(original)) and np.array_equal(
             values_seen(log), values_seen(original)
@@ -416,7 +415,7 @@ def assert_few_rows_differ(log, original, seed) -> None:
 
 def read_text_log(text: bytes, path: Path):
     path.write_bytes(text)
-    return read_log(path)
+    return readers.read_log(path)
 
 
 @pytest.mark.parametrize(("ending", "count"), [("parquet", 60), ("mat", 60), ("mf4", 6)])
@@ -441,7 +440,7 @@ def test_damaged_binary_files_are_refused_or_read_without_a_traceback(table, tmp
         path = tmp_path / f"x{seed}.{ending}"
         path.write_bytes(damaged)
         try:
-            assert np.all(np.isfinite(values_seen(read_log(path))))
+            assert np.all(np.isfinite(values_seen(readers.read_log(path))))
         except HexsimError as error:
             assert "\n" not in str(error)
             refused += 1

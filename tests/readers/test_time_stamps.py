@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.readers import read_log, read_stretches
+from hexsim import readers
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tracing"))
@@ -25,7 +26,7 @@ def clean() -> pl.DataFrame:
 
 def read_back(table: pl.DataFrame, folder: Path):
     table.write_csv(folder / "fit.csv")
-    return read_log(folder / "fit.csv")
+    return readers.read_log(folder / "fit.csv")
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.startswith("stamps") and "10 ms" not in case])
@@ -65,7 +66,7 @@ def test_samples_that_really_wander_keep_their_stamps(clean, tmp_path):
 def test_parts_of_a_run_know_when_they_begin(clean, tmp_path):
     """What drifts with time goes on behind a gap; the controller's ticks are where volts change."""
     pl.concat([clean[:2001], clean[2500:]]).write_csv(tmp_path / "fit.csv")
-    later, first = read_stretches(tmp_path / "fit.csv")
+    later, first = readers.read_stretches(tmp_path / "fit.csv")
     assert (first.offset_s, first.tick_phase(2)) == (0.0, 0)
     assert later.offset_s == pytest.approx(2.5) and later.tick_phase(2) == 0
     assert later.part(slice(3, None)).tick_phase(2) == 1
@@ -88,13 +89,16 @@ def test_a_slow_log_is_made_finer(clean, tmp_path):
     assert np.max(np.abs(slow.setpoint[0, 102:1900:4] - true[102:1900:4])) < 1e-7
 
 
-def test_a_dwell_at_an_end_stop_is_no_saturation():
-    """A position that comes to rest at its end is whole; the same cut off at speed is saturated."""
-    from hexsim.readers.faulty_values import saturated
-
+def test_a_dwell_at_an_end_stop_is_no_saturation(tmp_path):
+    """A signal that comes to rest at its end is whole; the same cut off at speed is saturated."""
     t = np.arange(6000) / 1000.0
     stroke = np.where(t < 3.0, 0.05 * (1.0 - np.cos(np.pi * np.minimum(t, 3.0) / 3.0)), 0.1)
     dwelling = 3e-6 * np.round(stroke / 3e-6)
-    assert saturated(dwelling) is None
-    limit, at = saturated(np.minimum(0.07 * np.sin(2 * np.pi * 0.5 * t), 0.05)) or (0.0, np.zeros(1))
-    assert limit == 0.05 and at.sum() > 500
+
+    def said(wave):
+        log = pl.DataFrame({"time_s": t, "setpoint_m": stroke, "position_m": stroke, "pressure_bottom_Pa": 1e7 * wave})
+        return [loss for loss in read_back(log, tmp_path).losses if "saturated" in loss]
+
+    assert said(dwelling) == []
+    [cut_off] = said(np.minimum(0.07 * np.sin(2 * np.pi * 0.5 * t), 0.05))
+    assert int(re.search(r"saturated at 500000 in (\d+) rows", cut_off)[1]) > 500

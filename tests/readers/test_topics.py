@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.readers import Mapping, read_log
-from hexsim.readers.files import raw_log
+from hexsim import HexsimError, readers
+from hexsim.readers import files
 
 pytest.importorskip("mcap", reason="pip install hexsim[ros]")
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="pip install hexsim[ros]")
@@ -58,7 +57,7 @@ def bag(request, tmp_path):
 
 def test_fields_of_messages_are_signals_with_the_stamps_of_their_topic(bag):
     """Positions under the name of their joint, each topic on its own stamps: of the header, and of receipt 5 ms later."""
-    raw = raw_log(bag)
+    raw = files.raw_log(bag)
     position, turn = raw.one("joint_states.position.b", "b", bag), raw.one("angular_velocity.z", "turn", bag)
     assert raw.find("position_2") == [position]
     assert position.values == pytest.approx(np.cos(0.01 * np.arange(200)), abs=1e-12)
@@ -69,10 +68,10 @@ def test_fields_of_messages_are_signals_with_the_stamps_of_their_topic(bag):
 
 def test_a_slower_topic_is_interpolated_and_weighs_less(bag):
     """The grid is that of the joints at 100 Hz; the IMU at 50 Hz is a curve through its samples, of half the weight."""
-    mapping = Mapping.model_validate(
+    mapping = readers.Mapping.model_validate(
         {"kind": "own", "columns": {"joint": {"from": "position.a"}, "turn_rad_s": {"from": "angular_velocity.z"}}}
     )
-    log = read_log(bag, mapping)
+    log = readers.read_log(bag, mapping)
     assert (log.rate, log.n) == (100.0, 199)
     assert log.columns["turn_rad_s"] == pytest.approx(2 * log.time, abs=1e-9)
     assert log.columns["joint"] == pytest.approx(np.sin(log.time), abs=1e-12)
@@ -91,4 +90,4 @@ def test_damaged_files_are_a_sentence(tmp_path):
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(HexsimError, match=f"cannot read .*{name} as "):
-            raw_log(tmp_path / name)
+            files.raw_log(tmp_path / name)

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 import scipy.io
 
-from hexsim.tracing.trace import trace
+import hexsim as hx
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 RUNS = ("fit", "sweep", "validate")
@@ -69,7 +69,7 @@ def test_the_verdict_is_that_of_the_text(tmp_path, write: Callable[[pl.DataFrame
     shutil.copy(DATA / name / "machine.toml", tmp_path)
     for run in RUNS:
         write(pl.read_csv(DATA / name / f"{run}.csv.gz"), tmp_path / run)
-    result = trace(tmp_path, fit=RUNS[:2], validate=RUNS[2:])
+    result = hx.trace(tmp_path, fit=RUNS[:2], validate=RUNS[2:])
     assert result.verdict == verdict
     for effect in result.report["effects"]:
         assert effect["name"] == "leakage_supply_to_chamber"

@@ -5,11 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 
-from hexsim.machine import Machine, machine_from_dict
-from hexsim.machine.geometry import machine_kinematics
-from hexsim.scenarios import load_scenario
+from hexsim import Machine, load_scenario
+from hexsim.machine import geometry, machine_from_dict
 from hexsim.signals.log import Log
-from hexsim.signals.signal import HEXAPOD_AXES, ROTATIONS
 
 RATE_Hz = 1000.0
 FREQUENCY_Hz = 0.5
@@ -52,6 +50,7 @@ BENCH = {
     "machine": {"name": "made_up_bench", "kind": "bench", "gravity_m_s2": 9.81},
     "load": {"moving_mass_kg": 40.0},
 }
+AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def made_up_machine(hexapod: bool = True) -> Machine:
@@ -78,7 +77,7 @@ def made_up_log(machine: Machine, duration_s: float = 6.0, bump_scale: float = 1
     if machine.is_hexapod:
         commanded, pose = zero.copy(), zero.copy()
         commanded[:, 2], pose[:, 2] = asked, got
-        kinematics = machine_kinematics(machine)
+        kinematics = geometry.machine_kinematics(machine)
         setpoints, positions = kinematics.inverse(commanded), kinematics.inverse(pose)
     else:
         commanded, pose = asked[:, None], got[:, None]
@@ -102,7 +101,7 @@ def made_up_log(machine: Machine, duration_s: float = 6.0, bump_scale: float = 1
             "commanded_acceleration_m_s2": -w * w * asked,
         }
         return pl.DataFrame(columns)
-    for k, axis in enumerate(HEXAPOD_AXES):
+    for k, axis in enumerate(AXES):
         unit, name = (
             ("m", f"acceleration_{axis}_m_s2") if k < 3 else ("rad", f"angular_acceleration_{'xyz'[k - 3]}_rad_s2")
         )
@@ -123,7 +122,7 @@ def log_of(table: pl.DataFrame, machine: Machine) -> Log:
 
 def _scaled(figures: dict, axis: str) -> dict:
     """A parasitic axis has a thousandth of the driven one."""
-    unit = "rad_s2" if axis in ROTATIONS else "m_s2"
+    unit = "rad_s2" if axis in AXES[3:] else "m_s2"
     return {key.replace("m_s2", unit): value * (1.0 if axis == "z" else 1e-3) for key, value in figures.items()}
 
 
@@ -143,7 +142,7 @@ def made_up_run(hexapod: bool = True, duration_s: float = 6.0, complete: bool = 
     }
     axes = {axis: figures}
     if hexapod:
-        axes = {name: _scaled(figures, name) for name in HEXAPOD_AXES}
+        axes = {name: _scaled(figures, name) for name in AXES}
     scenario = load_scenario("heave", duration_s=duration_s)
     summary = {
         "scenario": "heave",

@@ -11,12 +11,9 @@ from markupsafe import escape
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread as read_png
 
-from hexsim.recording.figure_style import STYLE, TITLED, png, small_multiples, styled
-from hexsim.recording.figures import acceleration, comparison, flow_curve, motion, run_figures
-from hexsim.recording.report import run_report
-from hexsim.recording.rerun_recording import write_recording
+from hexsim.recording import figure_style, report, rerun_recording, summary_table
+from hexsim.recording import figures as drawings
 from hexsim.recording.signals import Signals
-from hexsim.recording.summary_table import axis_rows, markdown, number
 
 NAMES = ["motion", "acceleration", "parasitic", "flow_curve", "pressures", "spectrum"]
 
@@ -26,12 +23,14 @@ def line(plot, label):
     return next(curve.get_xydata() for curve in plot.get_lines() if curve.get_label() == label)
 
 
-@pytest.mark.parametrize("margins", [None, TITLED], ids=["laid out", "given"])
+@pytest.mark.parametrize("margins", [None, figure_style.TITLED], ids=["laid out", "given"])
 def test_a_figures_title_stands_above_its_plots(margins):
     """Whether the layout finds the room or it is given: drawn once, the title and the plots with their own titles do not overlap."""
-    figure, plots = styled(small_multiples)(2, "A title as long as half of the figure, at the left", 2, margins=margins)
+    figure, plots = figure_style.styled(figure_style.small_multiples)(
+        2, "A title as long as half of the figure, at the left", 2, margins=margins
+    )
     plots[0].set_title("a plot's own title, which is long")
-    png(figure)
+    figure_style.png(figure)
     renderer = FigureCanvasAgg(figure).get_renderer()
     title = figure._suptitle.get_window_extent(renderer)  # matplotlib has no public name for it
     assert max(plot.get_tightbbox(renderer).y1 for plot in plots) <= title.y0 + 1.0 < figure.bbox.y1
@@ -40,22 +39,25 @@ def test_a_figures_title_stands_above_its_plots(margins):
 @pytest.mark.parametrize(("hexapod", "names"), [(True, NAMES), (False, [n for n in NAMES if n != "parasitic"])])
 def test_every_axis_of_every_figure_has_a_unit(hexapod, names):
     """All figures are made, in the report's order, and each y axis says its unit (its label, or the title above it)."""
-    figures = run_figures(Signals.of_run(made_up_run(hexapod)))
+    figures = drawings.run_figures(Signals.of_run(made_up_run(hexapod)))
     assert list(figures) == names
     for figure in figures.values():
         for plot in figure.axes:
             if plot.get_visible() and plot in figure.get_axes():
                 assert "[" in plot.get_ylabel() + plot.get_title(loc="left"), figure.get_suptitle()
-        assert png(figure, dpi=40).startswith(b"\x89PNG")
+        assert figure_style.png(figure, dpi=40).startswith(b"\x89PNG")
 
 
 def test_a_figure_drawn_once_is_that_of_savefig(monkeypatch):
     """Each figure has the pixels that matplotlib's `savefig` gives, which draws twice and looks for the place of each title."""
-    drawn = {name: png(figure, dpi=60) for name, figure in run_figures(Signals.of_run(made_up_run())).items()}
-    monkeypatch.setitem(STYLE, "axes.titley", None)
-    for name, figure in run_figures(Signals.of_run(made_up_run())).items():
+    drawn = {
+        name: figure_style.png(figure, dpi=60)
+        for name, figure in drawings.run_figures(Signals.of_run(made_up_run())).items()
+    }
+    monkeypatch.setitem(figure_style.STYLE, "axes.titley", None)
+    for name, figure in drawings.run_figures(Signals.of_run(made_up_run())).items():
         usual = io.BytesIO()
-        with matplotlib.rc_context(STYLE):
+        with matplotlib.rc_context(figure_style.STYLE):
             figure.savefig(usual, format="png", dpi=60)
         usual.seek(0)
         opaque = read_png(usual)
@@ -70,7 +72,7 @@ def test_the_deviation_is_the_bump_that_was_drawn():
     The packet has 1 % of its energy in the harmonic: 0.01 m/s2 covers it; a wrong phase or mean would give 0.1.
     """
     signals = Signals.of_run(made_up_run())
-    _, middle, _ = acceleration(signals).axes
+    _, middle, _ = drawings.acceleration(signals).axes
     data = line(middle, "raw")
     assert np.allclose(data[:, 1], bump(signals.time_s)[-len(data) :], rtol=0, atol=0.01 * BUMP_M_S2)
     peaks = line(middle, "peak at reversal")
@@ -80,7 +82,7 @@ def test_the_deviation_is_the_bump_that_was_drawn():
 def test_motion_shows_setpoint_and_response_in_mm():
     """0.05 m asked reads 50 mm; the leg's error is setpoint less position."""
     run = made_up_run(False)
-    heave, error = motion(Signals.of_run(run)).axes
+    heave, error = drawings.motion(Signals.of_run(run)).axes
     assert line(heave, "setpoint")[:, 1].max() == pytest.approx(150.0, abs=0.01)  # half stroke 100 mm + 50 mm
     assert np.allclose(line(error, "leg")[:, 1], 1e3 * (run.log["setpoint_m"] - run.log["position_m"]).to_numpy())
 
@@ -90,14 +92,14 @@ def test_what_the_log_lacks_is_not_drawn():
     machine = made_up_machine(False)
     log = made_up_log(machine, 4.0).drop("flow_m3_s", "acceleration_m_s2", "true_acceleration_m_s2")
     signals = Signals(log=log_of(log, machine), machine=machine, frequency_Hz=0.5)
-    assert flow_curve(signals) is None
-    assert list(run_figures(signals)) == ["motion", "pressures"]
+    assert drawings.flow_curve(signals) is None
+    assert list(drawings.run_figures(signals)) == ["motion", "pressures"]
 
 
 def test_the_flow_curve_leaves_out_how_the_motion_begins():
     """A point for each sample behind the fade, and none before."""
     signals = Signals.of_run(made_up_run(False))
-    points = [curve for curve in flow_curve(signals).axes[0].get_lines() if curve.get_marker() == "."]
+    points = [curve for curve in drawings.flow_curve(signals).axes[0].get_lines() if curve.get_marker() == "."]
     behind = np.count_nonzero(signals.time_s >= signals.fade_s)
     assert sum(len(curve.get_xdata()) for curve in points) == behind < len(signals.time_s)
 
@@ -115,19 +117,19 @@ def test_comparison_has_one_row_a_run_to_one_scale():
         )
         for name, scale in (("none", 1.0), ("half", 0.5))
     }
-    figure = comparison(runs)
+    figure = drawings.comparison(runs)
     left, middle = figure.axes[0::3], figure.axes[1::3]
     assert [plot.get_ylabel() for plot in left] == ["none", "half"]
     assert middle[0].get_ylim() == middle[1].get_ylim() and left[0].get_ylim() == left[1].get_ylim()
     sizes = [np.abs(plot.get_lines()[0].get_ydata()).max() for plot in middle]
     assert sizes[1] / sizes[0] == pytest.approx(0.5, rel=0.02)  # the harmonic takes up to 1 % of each bump
-    assert middle[0].texts[0].get_text() == f"peak {number(sizes[0])}"
-    assert comparison(runs, peaks={"none": 2.0}).axes[1].texts[0].get_text() == "peak 2.00"
+    assert middle[0].texts[0].get_text() == f"peak {summary_table.number(sizes[0])}"
+    assert drawings.comparison(runs, peaks={"none": 2.0}).axes[1].texts[0].get_text() == "peak 2.00"
 
 
 def test_the_report_needs_nothing_but_itself():
     """All pictures and scripts are inside; no script, style sheet, image, font or data comes from elsewhere."""
-    page = run_report(made_up_run(), {"motion": b"\x89PNG", "acceleration": b"\x89PNG"})
+    page = report.run_report(made_up_run(), {"motion": b"\x89PNG", "acceleration": b"\x89PNG"})
     assert page.count('src="data:image/png;base64,') == 2
     assert not re.search(
         r"""(src|href)\s*=\s*["'](?!data:|#)|url\(|@import|<script [^>]*src|<link|\bfetch\(|XMLHttp|import\(""", page
@@ -138,8 +140,8 @@ def test_the_report_shows_the_summary_and_escapes_names():
     """Every cell of the table stands in the page; a name with markup in it stays text; a partial run is marked."""
     run = made_up_run(complete=False, compensator="<b>bold</b>", messages=[(1.5, 2, "fell back & <i>said so</i>")])
     run.summary = {**run.summary, "compensator": "<b>bold</b>"}
-    page = run_report(run, {})
-    for _, cells in axis_rows(run.summary, ("z",)):
+    page = report.run_report(run, {})
+    for _, cells in summary_table.axis_rows(run.summary, ("z",)):
         assert all(f">{cell}</td>" in page for cell in cells)
     assert "&lt;b&gt;bold&lt;/b&gt;" in page and "<b>bold</b>" not in page
     assert "fell back &amp; &lt;i&gt;said so" in page
@@ -163,7 +165,7 @@ def test_the_report_shows_the_summary_and_escapes_names():
 )
 def test_numbers_keep_three_significant_places(value, text):
     """Figures are rounded to what is meant, small ones stay readable, missing ones are a dash."""
-    assert number(value) == text
+    assert summary_table.number(value) == text
 
 
 def test_the_harmonic_is_that_of_the_last_periods():
@@ -187,11 +189,14 @@ def test_names_with_the_signs_of_any_markup_stay_text(tmp_path):
     run = made_up_run(False, duration_s=3.0, messages=[(1.0, 1, name)])
     run.summary = {**run.summary, "scenario": name, "machine": name, "compensator": name, "warnings": [name]}
     signals = Signals.of_run(run, name)
-    figures = {**run_figures(signals), "comparison": comparison({name: signals})}
+    figures = {**drawings.run_figures(signals), "comparison": drawings.comparison({name: signals})}
     assert figures["comparison"].axes[0].get_ylabel() == name
-    page = run_report(run, {key: png(figure, dpi=30) for key, figure in figures.items()})
+    page = report.run_report(run, {key: figure_style.png(figure, dpi=30) for key, figure in figures.items()})
     assert str(escape(name)) in page and "<script>alert" not in page
-    write_recording(
-        tmp_path / "run.rrd", {name: signals}, {name: markdown(run.summary, ("leg",), run)}, {name: run.messages}
+    rerun_recording.write_recording(
+        tmp_path / "run.rrd",
+        {name: signals},
+        {name: summary_table.markdown(run.summary, ("leg",), run)},
+        {name: run.messages},
     )
     assert (tmp_path / "run.rrd").stat().st_size > 10_000

@@ -9,13 +9,12 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.errors import HexsimError
-from hexsim.files.log_files import write_log
-from hexsim.readers.files import raw_log
+from hexsim.files import log_files
+from hexsim.readers import files
 from hexsim.recording import mcap as written
-from hexsim.recording.run_files import write_essentials
-from hexsim.scenarios import load_scenario
+from hexsim.recording import run_files
 from hexsim.simulation import simulate
 
 mcap = pytest.importorskip("mcap", reason="pip install hexsim[ros]")
@@ -52,7 +51,7 @@ def test_messages_are_as_their_schemas_say(run, path):
 
 def test_read_back_it_is_the_log(run, path):
     """Every column of the log to the bit, the time within a nanosecond."""
-    raw = raw_log(path)
+    raw = files.raw_log(path)
     for name in run.log.columns[1:]:
         signal = raw.one(name, name, path)
         assert np.abs(signal.stamps["time of receipt"] - run.log["time_s"].to_numpy()).max() <= 1e-9
@@ -90,7 +89,7 @@ def test_a_run_folder_becomes_the_same_file(run, path, tmp_path):
 
     folder = tmp_path / "run"
     folder.mkdir()
-    write_essentials(run, folder, "parquet")
+    run_files.write_essentials(run, folder, "parquet")
     assert export(folder).exit_code == 0
 
     def topics(file):
@@ -108,7 +107,9 @@ def test_a_run_folder_becomes_the_same_file(run, path, tmp_path):
 
     other = tmp_path / "bench.csv.gz"
     time = np.arange(3) * 1e-3
-    write_log(pl.DataFrame({"time_s": time, "position_m": [0.1, np.nan, 0.3], "oil_level_m": [1.0, 2.0, 3.0]}), other)
+    log_files.write_log(
+        pl.DataFrame({"time_s": time, "position_m": [0.1, np.nan, 0.3], "oil_level_m": [1.0, 2.0, 3.0]}), other
+    )
     assert export(other, "-o", tmp_path / "b.mcap").exit_code == 0
     found, config = topics(tmp_path / "b.mcap")
     assert [row for _, row in found["/measured"]] == [

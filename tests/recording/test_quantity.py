@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexsim.recording.quantity import quantity, share, split_key, with_error
+from hexsim.recording import quantity as quantities
 
 
 @pytest.mark.parametrize(
@@ -25,13 +25,13 @@ from hexsim.recording.quantity import quantity, share, split_key, with_error
 )
 def test_a_value_has_the_unit_of_its_size(value, unit, text):
     """What a data sheet would print; a power of ten where the unit has no smaller name; a dash for nothing."""
-    assert quantity(value, unit) == text
+    assert quantities.quantity(value, unit) == text
 
 
 def test_what_is_compared_has_one_unit():
     """Two flows in one row: both as the larger one is read."""
-    assert quantity(2.5e-7, "m3/s") == "250 mm³/s"
-    assert quantity(2.5e-7, "m3/s", beside=1e-5) == "0.0150 l/min"
+    assert quantities.quantity(2.5e-7, "m3/s") == "250 mm³/s"
+    assert quantities.quantity(2.5e-7, "m3/s", beside=1e-5) == "0.0150 l/min"
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_what_is_compared_has_one_unit():
 )
 def test_an_error_decides_the_places(value, error, unit, text):
     """Value and error in one unit, to the error's second place, and not more than six places."""
-    assert with_error(value, error, unit) == text
+    assert quantities.with_error(value, error, unit) == text
 
 
 @pytest.mark.parametrize(
@@ -62,9 +62,9 @@ def test_an_error_decides_the_places(value, error, unit, text):
 )
 def test_keys_are_words_and_a_unit(key, words):
     """The longest ending that is a unit is the unit."""
-    assert split_key(key) == words
+    assert quantities.split_key(key) == words
 
 
 def test_shares_are_whole_per_cents():
     """A small one is not called nothing, a negative gain is nothing."""
-    assert [share(x) for x in (0.93, 0.003, 0.0, -0.2, None)] == ["93 %", "<1 %", "0 %", "0 %", "–"]
+    assert [quantities.share(x) for x in (0.93, 0.003, 0.0, -0.2, None)] == ["93 %", "<1 %", "0 %", "0 %", "–"]

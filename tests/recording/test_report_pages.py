@@ -5,15 +5,15 @@ import re
 from made_up_run import made_up_run
 
 from hexsim.qualification.plots import CAPTIONS as QUALIFY
-from hexsim.recording.page import MOST_ROWS, Column, Report, Section, question, table, text_block
-from hexsim.recording.report import CAPTIONS, run_report
+from hexsim.recording import page as pages
+from hexsim.recording import report
 from hexsim.studies.valve_report import CAPTIONS as VALVE
-from hexsim.tracing.report.page import CAPTIONS as TRACE
+from hexsim.tracing.report import page as trace_page
 
 
 def test_the_contents_lead_to_every_part():
     """Each heading of a page has one link in its contents, in the order of the page, and its figures begin with a question."""
-    page = run_report(made_up_run(), {"motion": b"\x89PNG"})
+    page = report.run_report(made_up_run(), {"motion": b"\x89PNG"})
     contents = re.findall(r'<a href="#(part-\d+)">(.*?)</a>', page)
     assert contents == re.findall(r'<h2 id="(part-\d+)">(.*?)</h2>', page)
     assert len(contents) >= 4
@@ -23,28 +23,33 @@ def test_the_contents_lead_to_every_part():
 
 def test_every_figure_has_a_question():
     """Captions of all pages begin with the question that the figure answers."""
-    for captions in (CAPTIONS, QUALIFY, VALVE, TRACE):
+    for captions in (report.CAPTIONS, QUALIFY, VALVE, trace_page.CAPTIONS):
         for caption in captions.values():
-            asked, rest = question(caption)
+            asked, rest = pages.question(caption)
             assert asked.endswith("?") and rest, caption
 
 
 def test_names_in_a_page_make_no_heading():
     """A title that looks like a heading stays text."""
-    odd = Section(
+    odd = pages.Section(
         "<h2>odd</h2>",
-        [table(["<i>a</i>", Column("<i>b</i>", "wide")], [("<h2>x</h2>", "<h2>x</h2>")]), text_block("<h2>x</h2>")],
+        [
+            pages.table(["<i>a</i>", pages.Column("<i>b</i>", "wide")], [("<h2>x</h2>", "<h2>x</h2>")]),
+            pages.text_block("<h2>x</h2>"),
+        ],
     )
-    page = Report("<h2>odd</h2>", [odd], about="<h2>x</h2>").html()
+    page = pages.Report("<h2>odd</h2>", [odd], about="<h2>x</h2>").html()
     assert ">odd<" not in page and ">x<" not in page and "<i>" not in page
 
 
 def test_long_tables_fold_and_empty_sections_are_left_out():
     """A table of many rows shows the first ones and holds all behind a click; a section without parts has no heading."""
-    rows = [(f"row {k}", k) for k in range(MOST_ROWS + 5)]
-    long, short = table(["name", "value"], rows), table(["name", "value"], rows[:MOST_ROWS])
+    rows = [(f"row {k}", k) for k in range(pages.MOST_ROWS + 5)]
+    long, short = pages.table(["name", "value"], rows), pages.table(["name", "value"], rows[: pages.MOST_ROWS])
     before, folded = long.split("<details>")
-    assert before.count("<td>row ") == MOST_ROWS and folded.count("<td>row ") == len(rows)
+    assert before.count("<td>row ") == pages.MOST_ROWS and folded.count("<td>row ") == len(rows)
     assert f"all {len(rows)} rows" in folded and "<details>" not in short
-    page = Report("title", [Section("empty", [table(["name"], [])]), Section("full", [short])]).html()
+    page = pages.Report(
+        "title", [pages.Section("empty", [pages.table(["name"], [])]), pages.Section("full", [short])]
+    ).html()
     assert ">empty<" not in page and page.count("<h2") == 1

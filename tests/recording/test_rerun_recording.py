@@ -7,8 +7,8 @@ import pytest
 from made_up_run import BUMP_M_S2, log_of, made_up_log, made_up_machine, made_up_run
 from rerun.chunk import RrdReader
 
+from hexsim.recording import rerun_recording
 from hexsim.recording.rerun_blueprint import blueprint
-from hexsim.recording.rerun_recording import entity_name, write_recording
 from hexsim.recording.signals import Signals
 
 
@@ -39,7 +39,9 @@ class Recording:
 def recorded(folder: Path, hexapod: bool = True) -> tuple[Recording, Signals]:
     run = made_up_run(hexapod, duration_s=4.0)
     signals = Signals.of_run(run)
-    write_recording(folder / "run.rrd", {"heave": signals}, {"heave": "| axis |"}, {"heave": run.messages})
+    rerun_recording.write_recording(
+        folder / "run.rrd", {"heave": signals}, {"heave": "| axis |"}, {"heave": run.messages}
+    )
     return Recording(folder / "run.rrd"), signals
 
 
@@ -111,10 +113,12 @@ def test_every_plot_of_the_blueprint_shows_something(tmp_path, count, hexapod):
         )
         for k in range(count)
     }
-    write_recording(tmp_path / "run.rrd", runs, {name: "text" for name in runs})
+    rerun_recording.write_recording(tmp_path / "run.rrd", runs, {name: "text" for name in runs})
     recording = Recording(tmp_path / "run.rrd")
     assert len(recording.blueprints) == 1
-    shown = views(blueprint({entity_name(name): signals for name, signals in runs.items()}).root_container)
+    shown = views(
+        blueprint({rerun_recording.entity_name(name): signals for name, signals in runs.items()}).root_container
+    )
     plots = [view for view in shown if type(view).__name__ == "TimeSeriesView"]
     assert len(plots) >= 8
     present = recording.entities()
@@ -126,7 +130,9 @@ def test_every_plot_of_the_blueprint_shows_something(tmp_path, count, hexapod):
 def test_several_runs_share_one_time_line_and_stand_apart(tmp_path):
     """Runs of different length lie on the same time line from 0, and their machines do not overlap."""
     short, long = made_up_run(duration_s=3.0), made_up_run(duration_s=4.0)
-    write_recording(tmp_path / "two.rrd", {"none": Signals.of_run(short), "my.module:Mine": Signals.of_run(long)})
+    rerun_recording.write_recording(
+        tmp_path / "two.rrd", {"none": Signals.of_run(short), "my.module:Mine": Signals.of_run(long)}
+    )
     recording = Recording(tmp_path / "two.rrd")
     ends = {}
     for root in ("none", "my_module_Mine"):
@@ -147,7 +153,7 @@ def test_a_measured_log_is_recorded_too(tmp_path):
     kept = [n for n in log.columns if not n.startswith(("true_", "platform_", "commanded_", "flow", "pressure_supply"))]
     signals = Signals(log=log_of(log.select(kept), machine), machine=machine, frequency_Hz=0.5)
     assert signals.driven_axes == ("z",)
-    write_recording(tmp_path / "measured.rrd", {"measured": signals})
+    rerun_recording.write_recording(tmp_path / "measured.rrd", {"measured": signals})
     recording = Recording(tmp_path / "measured.rrd")
     assert "/measured/machine/leg_6/rod" in recording.entities()
     assert "/measured/legs/1/flow" not in recording.entities()

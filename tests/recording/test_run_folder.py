@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
+from hexsim.files import run_folder as run_folders
+from hexsim.files import runs_index
 from hexsim.files.atomic import write_text
-from hexsim.files.run_folder import RunFolder, default_folder, run_folder
-from hexsim.files.runs_index import PLACE, page_of, write_index
 
 
 def fill(folder, names=("log.csv", "summary.json")):
@@ -20,7 +20,7 @@ def fill(folder, names=("log.csv", "summary.json")):
 
 def test_nothing_bears_the_name_before_it_is_whole(tmp_path):
     """While files are written the target does not exist; afterwards nothing else is left."""
-    with run_folder(tmp_path / "out" / "run") as folder:
+    with run_folders.run_folder(tmp_path / "out" / "run") as folder:
         fill(folder)
         assert not (tmp_path / "out" / "run").exists()
         place = folder.finish()
@@ -31,7 +31,7 @@ def test_nothing_bears_the_name_before_it_is_whole(tmp_path):
 
 def test_nothing_is_left_of_a_run_that_raises(tmp_path):
     """An error between opening and finishing leaves no folder behind."""
-    with pytest.raises(HexsimError, match="refused"), run_folder(tmp_path / "run") as folder:
+    with pytest.raises(HexsimError, match="refused"), run_folders.run_folder(tmp_path / "run") as folder:
         fill(folder)
         raise HexsimError("refused")
     assert list(tmp_path.iterdir()) == []
@@ -42,7 +42,7 @@ def test_an_earlier_run_in_the_folder_is_replaced_and_other_files_stay(tmp_path)
     (tmp_path / "figures").mkdir()
     for name in ("log.parquet", "run.rrd", "figures/old.png", "notes.txt"):
         (tmp_path / name).write_text("old")
-    with run_folder(tmp_path) as folder:
+    with run_folders.run_folder(tmp_path) as folder:
         fill(folder)
         assert folder.finish() == tmp_path
     assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv", "notes.txt", "summary.json"]
@@ -52,7 +52,7 @@ def test_a_partial_run_says_so_in_its_name(tmp_path):
     """A run that ended early gets the ending -partial, a second one another number; nothing is overwritten."""
     names = []
     for _ in range(2):
-        with run_folder(tmp_path / "run") as folder:
+        with run_folders.run_folder(tmp_path / "run") as folder:
             fill(folder)
             names.append(folder.finish(complete=False).name)
     assert names == ["run-partial", "run-partial-2"]
@@ -63,15 +63,15 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_run(tmp_path):
     """Opening the folder fails at once with a sentence that names it; so does a file in its place."""
     (tmp_path / "file").write_text("")
     for out in (tmp_path / "file" / "run", tmp_path / "file"):
-        with pytest.raises(HexsimError, match=rf"cannot write .*{out.name}.*give"), run_folder(out):
+        with pytest.raises(HexsimError, match=rf"cannot write .*{out.name}.*give"), run_folders.run_folder(out):
             raise AssertionError("the block must not be entered")
 
 
 def test_default_names_do_not_collide(tmp_path):
     """Two runs of one second get two folders."""
-    first = default_folder("heave", tmp_path)
+    first = run_folders.default_folder("heave", tmp_path)
     first.mkdir()
-    second = default_folder("heave", tmp_path)
+    second = run_folders.default_folder("heave", tmp_path)
     assert second != first and first.name.endswith("-heave")
 
 
@@ -81,12 +81,12 @@ def test_a_second_run_for_the_same_place_is_refused(tmp_path):
     for out in (tmp_path / "new", tmp_path / "there"):
         if out.name == "there":
             out.mkdir()
-        with run_folder(out) as first:
+        with run_folders.run_folder(out) as first:
             fill(first)
             with pytest.raises(HexsimError, match=r"another run is writing .*: wait for it, or give another --out"):
-                RunFolder(out)
+                run_folders.RunFolder(out)
             first.finish()
-        with run_folder(out) as second:
+        with run_folders.run_folder(out) as second:
             fill(second)
             second.finish()
     assert sorted(path.name for path in tmp_path.rglob("*")) == sorted(
@@ -96,10 +96,10 @@ def test_a_second_run_for_the_same_place_is_refused(tmp_path):
 
 def test_default_names_of_runs_that_have_not_begun_do_not_collide(tmp_path):
     """Two commands that choose their names in the same second, before either has written: two places."""
-    names = [default_folder("heave", tmp_path) for _ in range(3)]
+    names = [run_folders.default_folder("heave", tmp_path) for _ in range(3)]
     assert len(set(names)) == 3
     for name in names:
-        with run_folder(name) as folder:
+        with run_folders.run_folder(name) as folder:
             fill(folder)
             folder.finish()
     assert sorted(tmp_path.iterdir()) == sorted([*names, tmp_path / "index.html"])
@@ -144,7 +144,9 @@ folder.finish()
 
 def report(place, title, sentence=""):
     place.mkdir()
-    (place / "report.html").write_text(f'<html><title>{title} · hexsim</title><p class="lead">{sentence}</p>{PLACE}')
+    (place / "report.html").write_text(
+        f'<html><title>{title} · hexsim</title><p class="lead">{sentence}</p>{runs_index.PLACE}'
+    )
 
 
 def test_the_page_of_all_runs_has_the_newest_first(tmp_path, monkeypatch):
@@ -153,17 +155,17 @@ def test_the_page_of_all_runs_has_the_newest_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     places = []
     for title in ("one &amp; first", "two"):
-        with run_folder(default_folder("heave")) as folder:
+        with run_folders.run_folder(run_folders.default_folder("heave")) as folder:
             (folder.path / "report.html").write_text(
-                f'<title>{title}</title><p class="lead">0.03 <b>m/s2</b></p>{PLACE}'
+                f'<title>{title}</title><p class="lead">0.03 <b>m/s2</b></p>{runs_index.PLACE}'
             )
             places.append(folder.finish())
         os.utime(places[-1] / "report.html", (1e9 + len(places),) * 2)
     before = [(place / "report.html").stat().st_mtime_ns for place in places]
-    with run_folder(tmp_path / "own" / "here") as folder:
-        (folder.path / "report.html").write_text(PLACE)
+    with run_folders.run_folder(tmp_path / "own" / "here") as folder:
+        (folder.path / "report.html").write_text(runs_index.PLACE)
         own = folder.finish()
-    with run_folder(default_folder("roll")) as folder:
+    with run_folders.run_folder(run_folders.default_folder("roll")) as folder:
         (folder.path / "report.html").write_text("<title>three</title>")
         folder.finish()
     page = (tmp_path / "runs" / "index.html").read_text()
@@ -171,7 +173,7 @@ def test_the_page_of_all_runs_has_the_newest_first(tmp_path, monkeypatch):
     assert page.count("<td>0.03 m/s2</td>") == 2
     assert [(place / "report.html").stat().st_mtime_ns for place in places] == before
     assert '<a href="../index.html">all runs</a>' in (places[0] / "report.html").read_text()
-    assert (own / "report.html").read_text() == PLACE and not (tmp_path / "own" / "index.html").exists()
+    assert (own / "report.html").read_text() == runs_index.PLACE and not (tmp_path / "own" / "index.html").exists()
 
 
 def test_a_report_of_somebody_else_is_shown_as_text(tmp_path):
@@ -181,7 +183,7 @@ def test_a_report_of_somebody_else_is_shown_as_text(tmp_path):
     (tmp_path / "no_page").mkdir()
     (tmp_path / "bytes").mkdir()
     (tmp_path / "bytes" / "report.html").write_bytes(b"\xff\xfe")
-    body = page_of(tmp_path).split("<body>")[1]
+    body = runs_index.page_of(tmp_path).split("<body>")[1]
     assert "<script" not in body and "<img" not in body and "<b>" not in body
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body and ">bytes</a>" in body and "no_page" not in body
 
@@ -189,12 +191,12 @@ def test_a_report_of_somebody_else_is_shown_as_text(tmp_path):
 def test_an_index_of_somebodys_own_stays(tmp_path):
     """An index.html without the mark is not replaced; one with it is."""
     (tmp_path / "index.html").write_text("mine")
-    write_index(tmp_path)
+    runs_index.write_index(tmp_path)
     assert (tmp_path / "index.html").read_text() == "mine"
     (tmp_path / "index.html").unlink()
-    write_index(tmp_path)
+    runs_index.write_index(tmp_path)
     report(tmp_path / "run", "later")
-    write_index(tmp_path)
+    runs_index.write_index(tmp_path)
     assert ">later</a>" in (tmp_path / "index.html").read_text()
 
 

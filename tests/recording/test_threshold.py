@@ -8,11 +8,10 @@ import polars as pl
 import pytest
 from made_up_run import made_up_run
 
-from hexsim.qualification.rows import half_hertz_rows
-from hexsim.recording.report import run_sentence
-from hexsim.recording.summary_table import comparison_rows, number
-from hexsim.scenarios import load_scenario
-from hexsim.simulation.recent_motion import motion_figures
+from hexsim import load_scenario
+from hexsim.qualification import rows
+from hexsim.recording import report, summary_table
+from hexsim.simulation import recent_motion
 from hexsim.smoothness import threshold
 
 
@@ -28,8 +27,10 @@ def test_run_compare_live_and_qualify_have_one_threshold(monkeypatch):
     motion: Any = SimpleNamespace(time_s=time, acceleration={"z": acceleration})
     for value in (0.154, 2.0 * peak):
         monkeypatch.setitem(threshold.PERCEPTION_m_s2, "z", value)
-        assert f"{number(peak / value, 2)} times the threshold of perception" in run_sentence(run.summary, ("z",))
-        assert comparison_rows({"none": run}, "z")[0]["times_threshold"] == pytest.approx(peak / value)
-        assert [row.limit for row in half_hertz_rows("z", motion, 4.0) if row.limit is not None] == [value]
-        live = motion_figures(load_scenario("heave"), ("z",), run.log)
+        assert f"{summary_table.number(peak / value, 2)} times the threshold of perception" in report.run_sentence(
+            run.summary, ("z",)
+        )
+        assert summary_table.comparison_rows({"none": run}, "z")[0]["times_threshold"] == pytest.approx(peak / value)
+        assert [row.limit for row in rows.half_hertz_rows("z", motion, 4.0) if row.limit is not None] == [value]
+        live = recent_motion.motion_figures(load_scenario("heave"), ("z",), run.log)
         assert live.times_threshold == pytest.approx(live.peak / value)

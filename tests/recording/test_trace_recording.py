@@ -8,7 +8,7 @@ from test_rerun_recording import Recording
 
 from hexsim.machine import load_machine
 from hexsim.signals.log import Log
-from hexsim.tracing.report.recording import replayed, write_trace_recordings
+from hexsim.tracing.report import recording as trace_recording
 
 BENCH = Path(__file__).parents[1] / "data" / "bench_none"
 
@@ -16,7 +16,7 @@ BENCH = Path(__file__).parents[1] / "data" / "bench_none"
 def test_all_three_lie_on_one_time_line_and_the_deviation_is_from_the_measured_one(tmp_path):
     """The replayed machine follows the measured setpoints; its deviation is its acceleration less the measured one."""
     machine = load_machine(BENCH)
-    (path,) = write_trace_recordings(BENCH, ["validate"], machine, machine, tmp_path, "verdict: **x**")
+    (path,) = trace_recording.write_trace_recordings(BENCH, ["validate"], machine, machine, tmp_path, "verdict: **x**")
     assert path == tmp_path / "validate.rrd"
     recording = Recording(path)
     ends = {
@@ -39,4 +39,4 @@ def test_a_log_without_setpoints_stands_alone():
     """What was not logged cannot be replayed; the measured signals are shown all the same."""
     machine = load_machine(BENCH)
     log = pl.read_csv(BENCH / "validate.csv.gz").head(2000).drop("setpoint_m")
-    assert list(replayed(Log.of_table("validate", log, "bench"), {"declared": machine})) == ["measured"]
+    assert list(trace_recording.replayed(Log.of_table("validate", log, "bench"), {"declared": machine})) == ["measured"]

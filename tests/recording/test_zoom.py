@@ -9,9 +9,8 @@ import polars as pl
 import pytest
 from made_up_run import made_up_run
 
-from hexsim.recording.report import run_report
+from hexsim.recording import report, zoom
 from hexsim.recording.signals import Signals
-from hexsim.recording.zoom import MOST_VALUES, Curve, Panel, zoomable
 
 PNG = b"\x89PNG"
 
@@ -36,21 +35,25 @@ def test_a_short_run_is_whole_and_a_long_one_keeps_its_peaks():
     wave = lambda time: np.sin(7.0 * time)  # noqa: E731
     short = np.linspace(3.0, 5.0, 2000)
     gap = np.where((short > 4.0) & (short < 4.1), np.nan, wave(short))
-    both = [Curve("a", wave(short), "#000000"), Curve("b", gap, "#000000")]
-    [(title, time, curves)] = read(zoomable([Panel("speed [m/s]", short, both)], PNG, ""))
+    both = [zoom.Curve("a", wave(short), "#000000"), zoom.Curve("b", gap, "#000000")]
+    [(title, time, curves)] = read(zoom.zoomable([zoom.Panel("speed [m/s]", short, both)], PNG, ""))
     assert title == "speed [m/s]"
     assert time == pytest.approx(short, abs=1e-6)
     assert curves["a"] == pytest.approx(wave(short), abs=4e-5)
     assert np.array_equal(np.isnan(curves["b"]), np.isnan(gap))
     uneven = np.r_[0.0, np.cumsum(np.linspace(0.1, 1.0, 50))]
-    [(_, time, _)] = read(zoomable([Panel("", uneven, [Curve("", uneven, "#000000")])], PNG, ""))
+    [(_, time, _)] = read(zoom.zoomable([zoom.Panel("", uneven, [zoom.Curve("", uneven, "#000000")])], PNG, ""))
     assert time == pytest.approx(uneven, abs=1e-5)
     long = np.linspace(0.0, 1000.0, 1_000_000)
     spike = wave(long)
     spike[123_456] = 5.0
-    part = zoomable([Panel("x [m]", long, [Curve("spike", spike, "#000000"), Curve("slow", long, "#000000")])], PNG, "")
+    part = zoom.zoomable(
+        [zoom.Panel("x [m]", long, [zoom.Curve("spike", spike, "#000000"), zoom.Curve("slow", long, "#000000")])],
+        PNG,
+        "",
+    )
     [(_, time, curves)] = read(part)
-    assert len(time) * 2 <= MOST_VALUES + 4 and np.all(np.diff(time) > 0)
+    assert len(time) * 2 <= zoom.MOST_VALUES + 4 and np.all(np.diff(time) > 0)
     assert curves["spike"].max() == pytest.approx(5.0, abs=2e-4)
     assert time[np.argmax(curves["spike"])] == pytest.approx(long[123_456], abs=0.1)
     assert curves["slow"] == pytest.approx(time, abs=0.15)
@@ -60,7 +63,7 @@ def test_a_short_run_is_whole_and_a_long_one_keeps_its_peaks():
 def test_the_page_of_a_run_has_its_acceleration_legs_and_volts():
     """Panels with units hold what the log has; what the log lacks is left out, down to the picture alone, and nothing fails."""
     run = made_up_run()
-    page = run_report(run, {"motion": PNG, "acceleration": PNG, "spectrum": PNG})
+    page = report.run_report(run, {"motion": PNG, "acceleration": PNG, "spectrum": PNG})
     motion, acceleration = (part for part in page.split("<figure") if 'class="zoom"' in part)
     motion = {title: (time, curves) for title, time, curves in read(motion)}
     assert list(motion) == ["heave [mm]", "leg positions [mm]", "tracking error [mm]", "valve [V]"]
@@ -73,11 +76,11 @@ def test_the_page_of_a_run_has_its_acceleration_legs_and_volts():
 
     lacks = made_up_run()
     lacks.log = lacks.log.drop([name for name in lacks.log.columns if "acceleration" in name or "valve" in name])
-    page = run_report(lacks, {"motion": PNG, "acceleration": PNG})
+    page = report.run_report(lacks, {"motion": PNG, "acceleration": PNG})
     assert page.count('<figure class="zoom"') == 1 and "valve [V]" not in page
     gone = pl.DataFrame({"time_s": lacks.log["time_s"]})
     lacks.log = gone
-    page = run_report(lacks, {"motion": PNG, "acceleration": PNG})
+    page = report.run_report(lacks, {"motion": PNG, "acceleration": PNG})
     assert "uPlot" not in page and page.count("<img") == 2
     assert Signals.of_run(lacks).deviation("z") is None
 
@@ -85,7 +88,7 @@ def test_the_page_of_a_run_has_its_acceleration_legs_and_volts():
 def test_a_name_ends_no_script():
     """A label with a closing tag in it stays a label of the data."""
     name = "</script><b>x</b>"
-    part = zoomable([Panel(name, np.arange(3.0), [Curve(name, np.arange(3.0), "#000000")])], PNG, name)
+    part = zoom.zoomable([zoom.Panel(name, np.arange(3.0), [zoom.Curve(name, np.arange(3.0), "#000000")])], PNG, name)
     assert part.count("</script>") == 1
     [(title, _, curves)] = read(part)
     assert title == name and list(curves) == [name]

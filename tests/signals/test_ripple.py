@@ -7,20 +7,20 @@ from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.sensors.bank import SensorBank
-from hexsim.signals.ripple import rippled, unrippled
+from hexsim.signals import ripple as ripples
 
 
 @pytest.mark.parametrize(("y", "error"), [(0.1, 0.0), (0.10025, 4e-6), (0.1005, 0.0), (0.10075, -4e-6)])
 def test_a_scale_errs_by_its_amplitude_a_quarter_pitch_from_where_it_is_right(y, error):
     """4 um with 1 mm: 0 at whole and half lines, the amplitude of either sign between them."""
-    assert rippled(y, 4e-6, 1e-3, 0.0) - y == pytest.approx(error, abs=1e-12)
+    assert ripples.rippled(y, 4e-6, 1e-3, 0.0) - y == pytest.approx(error, abs=1e-12)
 
 
 @pytest.mark.parametrize("amplitude", [0.0, 4e-6, 8e-5])
 def test_a_reading_leads_back_to_where_the_scale_stands(amplitude):
     """To 1e-12 m up to half of the steepest wave that can be undone; without a wave to the bit."""
     y = np.linspace(0.0, 0.2, 5001)
-    back = unrippled(rippled(y, amplitude, 1e-3, 0.7), amplitude, 1e-3, 0.7)
+    back = ripples.unrippled(ripples.rippled(y, amplitude, 1e-3, 0.7), amplitude, 1e-3, 0.7)
     np.testing.assert_allclose(back, y, rtol=0.0, atol=1e-12 if amplitude else 0.0)
 
 

@@ -4,12 +4,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario, readers
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.readers import read_log
-from hexsim.scenarios import load_scenario
 from hexsim.sensors.bank import SensorBank
 from hexsim.signals import sensors as sensor_files
 from hexsim.signals import table
@@ -57,7 +55,7 @@ def test_a_sensor_of_ones_own_is_in_the_log_with_its_errors(rod_side_sensor, nam
         error = read - (1.02 * run.log[true].to_numpy() + 3e4)
         assert np.std(error) == pytest.approx(2e3, rel=0.15) and abs(np.mean(error)) < 300.0  # 700 samples
     run.log.write_csv(tmp_path / "log.csv")
-    log = read_log(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
     assert np.array_equal(log.columns[columns[0]], run.log[columns[0]].to_numpy())
 
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.signals.units import INCH_m, PSI_Pa, unit_of_name, unit_to_si
+from hexsim import HexsimError
+from hexsim.signals import units
 
 LITRE_A_MINUTE = 1e-3 / 60
 
@@ -17,7 +17,7 @@ LITRE_A_MINUTE = 1e-3 / 60
         (("l/s", "L/s", "dm³/s"), 1e-3),
         (("m3/h", "m³/h", "m^3/h"), 1 / 3600),
         (("cm3/s", "cm³/s", "cc/s", "mL/s"), 1e-6),
-        (("PSI", "Psi", "psi", "psig", "lbf/in²"), PSI_Pa),
+        (("PSI", "Psi", "psi", "psig", "lbf/in²"), units.PSI_Pa),
         (("Bar", "BAR", "bar", "barg", "bar(g)", "bar g"), 1e5),
         (("hPa", "mbar"), 1e2),
         (("MPa", "MPA", "N/mm2", "N/mm²"), 1e6),
@@ -29,7 +29,7 @@ LITRE_A_MINUTE = 1e-3 / 60
         (("\N{GREEK SMALL LETTER MU}m", "\N{MICRO SIGN}m", "um", "micron"), 1e-6),
         (("\N{GREEK SMALL LETTER MU}s", "\N{MICRO SIGN}s", "us"), 1e-6),
         (("MM", "mm", "[mm]"), 1e-3),
-        (("inch", "Inch", "in", '"'), INCH_m),
+        (("inch", "Inch", "in", '"'), units.INCH_m),
         (("g", "G"), 9.80665),
         (("kN", "KN"), 1e3),
         (("volts", "Volt", "V"), 1.0),
@@ -38,27 +38,27 @@ LITRE_A_MINUTE = 1e-3 / 60
 def test_common_spellings_are_one_unit(spellings, factor):
     """Capitals, powers, signs and slashes in any usual form: value_SI = factor value."""
     for spelling in spellings:
-        assert unit_to_si(spelling, "here") == pytest.approx((factor, 0.0), rel=1e-12), spelling
+        assert units.unit_to_si(spelling, "here") == pytest.approx((factor, 0.0), rel=1e-12), spelling
 
 
 @pytest.mark.parametrize("unit", ["mPa", "MV", "MA", "parsec", "mm/bar", ""])
 def test_what_is_ambiguous_or_unknown_is_refused(unit):
     """Mega and milli are told apart by their letter alone, so only the exact letter counts there."""
     with pytest.raises(HexsimError, match="is not known; use one of"):
-        unit_to_si(unit, "here")
+        units.unit_to_si(unit, "here")
 
 
 def test_absolute_pressures_and_temperatures_have_an_offset():
     """1.01325 bar absolute is 0 bar gauge; 0 degC is 273.15 K and 32 degF."""
     for spelling, reading, value in (
         ("bar(a)", 1.01325, 0.0),
-        ("psia", 1.01325e5 / PSI_Pa, 0.0),
+        ("psia", 1.01325e5 / units.PSI_Pa, 0.0),
         ("K", 273.15, 0.0),
         ("°F", 32.0, 0.0),
         ("°C", 20.0, 20.0),
         ("℃", 20.0, 20.0),
     ):
-        factor, offset = unit_to_si(spelling, "here")
+        factor, offset = units.unit_to_si(spelling, "here")
         assert factor * reading + offset == pytest.approx(value, abs=1e-9), spelling
 
 
@@ -77,4 +77,4 @@ def test_absolute_pressures_and_temperatures_have_an_offset():
 )
 def test_the_unit_of_a_column_name(column, parts):
     """At the end of the name or in brackets; a name without one has none."""
-    assert unit_of_name(column) == parts
+    assert units.unit_of_name(column) == parts

@@ -5,7 +5,7 @@ from other_equations import PER_LEG, bench_rates, integrate
 from other_plant import SUBSTEPS, state_at_rest
 from other_plant import Plant as Other
 
-from hexsim.machine import Machine
+from hexsim import Machine
 from hexsim.plant import Plant
 
 

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
-from hexsim.hydraulics.leg import valve_volts
+from hexsim import readers
+from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
-from hexsim.readers import log_files, read_log
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.tracing import balances, rules
-from hexsim.tracing.balances.continuity import FastContinuity
-from hexsim.tracing.fitting.parameters import named, with_settings
+from hexsim.tracing.balances import continuity
+from hexsim.tracing.fitting import parameters
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps import violations as violated
 from hexsim.tracing.steps.residuals import unexplained_residuals
-from hexsim.tracing.steps.violations import violations
 
 DATA = Path(__file__).parents[1] / "data"
 LAG = '''
@@ -63,11 +64,11 @@ def test_a_file_in_the_folder_is_a_balance_that_is_traced_and_reported(a_folder_
     """It stands in its place of the order, in the violations of a log, in the residuals looked at and in the report's captions."""
     monkeypatch.setattr(rules, "NULL_SEEDS", 2)
     machine = load_machine(DATA / "bench_none")
-    log = read_log(log_files(DATA / "bench_none", "fit")).head(4.0)
-    problem = SimulatedProblem(logs=(replace(log, name="fit"),), noise=noise_of(machine, [log]))
+    log = readers.read_log(readers.log_files(DATA / "bench_none", "fit")).head(4.0)
+    problem = SimulatedProblem(logs=(replace(log, name="fit"),), noise=channels.noise_of(machine, [log]))
     names = [balance.name for balance in balances.library()]
     assert names.index("sensor") < names.index("loop") < names.index("supply")
-    lines = violations(machine, machine, problem)
+    lines = violated.violations(machine, machine, problem)
     [line] = [line for line in lines if line.name == "loop"]
     assert (line.where, line.unit) == ("leg 1", "V")
     assert np.isfinite(line.violation)
@@ -88,7 +89,7 @@ def test_without_the_file_there_is_no_such_balance():
 
 def test_a_valve_delay_of_a_broken_sample_is_one():
     """Volts that rise by 1 a sample, 2.4 samples late: 2.4 lower everywhere behind the start."""
-    late = valve_volts(np.arange(20.0), 0.0, 2.4)
+    late = leg.valve_volts(np.arange(20.0), 0.0, 2.4)
     assert late[3:] == pytest.approx(np.arange(20.0)[3:] - 2.4)
     assert np.all(late[:3] == [0.0, 0.0, 0.0])
 
@@ -96,9 +97,11 @@ def test_a_valve_delay_of_a_broken_sample_is_one():
 def test_what_a_log_keeps_of_machines_asked_before_changes_no_residual(tmp_path):
     """After ten machines that differ in one leg's leak, its supply reading and its IMU, each balance is as on a log that is new."""
     write_machine(tmp_path, 3, {}, "hexapod", runs=("fit",), duration_s=1.0)
-    machine, log = load_machine(tmp_path), read_log(log_files(tmp_path, "fit"))
+    machine, log = load_machine(tmp_path), readers.read_log(readers.log_files(tmp_path, "fit"))
     asked = [
-        with_settings(machine, {}, [(candidate, candidate.start() | {candidate.effect.parameters[0].name: size})])
+        parameters.with_settings(
+            machine, {}, [(candidate, candidate.start() | {candidate.effect.parameters[0].name: size})]
+        )
         for candidate, size in (
             *((named("leakage_supply_to_chamber", f"leg {k}"), 1e-12) for k in range(1, 7)),
             (named("supply_pressure_gain"), 0.02),
@@ -117,10 +120,10 @@ def test_what_a_log_keeps_of_machines_asked_before_changes_no_residual(tmp_path)
 def test_a_balance_at_some_samples_is_the_one_of_all(tmp_path, kind):
     """What fits ask for, every 20th sample, is what the whole residual has there, to rounding of what it is a difference of."""
     write_machine(tmp_path, 3, {}, kind, runs=("fit",), duration_s=1.0)
-    machine, log = load_machine(tmp_path), read_log(log_files(tmp_path, "fit"))
+    machine, log = load_machine(tmp_path), readers.read_log(readers.log_files(tmp_path, "fit"))
     at = slice(300, log.n - 60, 20)
     used = [balance for balance in balances.library() if balance.wants(log, machine)]
     assert {"supply", "continuity", "sensor", "force"} <= {balance.name for balance in used}
-    for balance in [*used, *([FastContinuity()] if kind == "bench" else [])]:
+    for balance in [*used, *([continuity.FastContinuity()] if kind == "bench" else [])]:
         whole, some = balance.residual(log, machine), balance.residual_at(log, machine, at)
         assert some == pytest.approx(whole[:, at], rel=0.0, abs=1e-9 * np.max(np.abs(whole)))

@@ -8,10 +8,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from hexsim import readers
 from hexsim.machine import load_machine
-from hexsim.readers import load_mapping, read_log
-from hexsim.signals.table import table
-from hexsim.tracing.checks.checks import check_log
+from hexsim.signals import table as signal_table
+from hexsim.tracing.checks import checks
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "bring_your_own_machine.md"
@@ -46,13 +46,13 @@ def my_machine(tmp_path) -> Path:
 
 def test_the_mapping_of_the_page_reads_a_foreign_log(my_machine):
     """Step 3: mapping.toml beside the log gives the measured-log columns, and the checks are silent."""
-    log = read_log(my_machine / "fit.csv")
+    log = readers.read_log(my_machine / "fit.csv")
     raw = pl.read_csv(DATA / "bench_none" / "fit.csv.gz")
     n = len(log.time)
     assert n == 10_000 - 4  # the late channel ends 4 samples early
     for name in ("position_m", "setpoint_m", "valve_V", "pressure_bottom_Pa", "acceleration_m_s2"):
         np.testing.assert_allclose(log.columns[name], raw[name].to_numpy()[:n], rtol=1e-9, atol=1e-9, err_msg=name)
-    assert check_log(log, load_machine(my_machine)) == []
+    assert checks.check_log(log, load_machine(my_machine)) == []
 
 
 def test_the_python_of_the_page_runs(my_machine, monkeypatch, capsys):
@@ -65,7 +65,7 @@ def test_the_python_of_the_page_runs(my_machine, monkeypatch, capsys):
     exec(compile(effect, "step 7", "exec"), names)
     assert names["EFFECT"].name == "hose_compliance"
     exec(compile(sensor, "step 8", "exec"), names)
-    assert names["SENSOR"].source in table()
+    assert names["SENSOR"].source in signal_table.table()
 
 
 def test_every_toml_block_is_valid(tmp_path):
@@ -73,4 +73,4 @@ def test_every_toml_block_is_valid(tmp_path):
         tables = tomllib.loads(block)
         if "file" in tables or "columns" in tables:
             (tmp_path / f"{i}.toml").write_text(block)
-            load_mapping(tmp_path / f"{i}.toml")
+            readers.load_mapping(tmp_path / f"{i}.toml")

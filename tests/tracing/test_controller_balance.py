@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
-from hexsim.signals.channels import declared_noise
+from hexsim.signals import channels
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
-from hexsim.tracing.balances.controller import Loop, loops_of
-from hexsim.tracing.balances.null import used
+from hexsim.tracing import balances
+from hexsim.tracing.balances import controller, null
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.logs import feedback_of, read_runs
-from hexsim.tracing.steps.shapes import worth_screening
+from hexsim.tracing.steps import logs, shapes
 
 RUNNING = {"controller_gain": ("relative_change", 0.2), "computing_delay": ("delay_ticks", 1.5)}
 
@@ -26,7 +25,7 @@ def bench():
 def logged(machine, folder) -> Log:
     """What `hexsim run` writes of a machine, read as a trace reads it."""
     simulate(machine, load_scenario("multisine", duration_s=4.0), seed=3).log.write_parquet(folder / "run.parquet")
-    return read_runs(folder, ["run"], load_machine("bench"))[0][0]
+    return logs.read_runs(folder, ["run"], load_machine("bench"))[0][0]
 
 
 @pytest.mark.parametrize("name", RUNNING)
@@ -35,14 +34,17 @@ def test_the_loop_that_runs_is_read_off_a_log(bench, tmp_path, name):
     key, size = RUNNING[name]
     running = changed(bench, {f"effects.{name}": {key: size}})
     log = logged(running, tmp_path)
-    [found] = loops_of(log, bench) or []
+    [found] = controller.loops_of(log, bench) or []
     assert found.gain == pytest.approx(1.2 if name == "controller_gain" else 1.0, rel=1e-3)
     assert found.delay_ticks == pytest.approx(1.5 if name == "computing_delay" else 0.0, abs=0.02)
-    assert Loop().wants(log, bench)
-    assert feedback_of(bench, [log], declared_noise(bench)) == 0
-    without, with_it = (float(np.std(used(log, Loop().residual(log, one)))) for one in (bench, running))
+    assert balances.balance_named("controller", bench).wants(log, bench)
+    assert logs.feedback_of(bench, [log], channels.declared_noise(bench)) == 0
+    without, with_it = (
+        float(np.std(null.used(log, balances.balance_named("controller", bench).residual(log, one))))
+        for one in (bench, running)
+    )
     assert with_it < 0.02 * without
-    problem = SimulatedProblem(logs=(log,), noise=declared_noise(bench))
+    problem = SimulatedProblem(logs=(log,), noise=channels.declared_noise(bench))
     assert np.sqrt(np.mean(problem.residual(running, 0) ** 2)) < 1.2
     assert np.sqrt(np.mean(problem.residual(bench, 0) ** 2)) > 5.0
 
@@ -50,13 +52,13 @@ def test_the_loop_that_runs_is_read_off_a_log(bench, tmp_path, name):
 def test_of_a_loop_as_declared_no_such_balance_is_formed(bench, tmp_path):
     """The declared loop: nothing to hold against it, so that clean logs are judged as before."""
     log = logged(bench, tmp_path)
-    assert loops_of(log, bench) is not None
-    assert not Loop().wants(log, bench)
-    assert not {c.effect.name for c in worth_screening(bench, [], {})} & set(RUNNING)
+    assert controller.loops_of(log, bench) is not None
+    assert not balances.balance_named("controller", bench).wants(log, bench)
+    assert not {c.effect.name for c in shapes.worth_screening(bench, [], {})} & set(RUNNING)
 
 
 def test_another_controller_is_no_loop_of_another_gain(bench, tmp_path):
     """Velocity feed-forward in the volts: no gain and delay of a position loop gives them, so that the volts drive."""
     log = logged(changed(bench, {"controller.velocity_feed_forward_V_s_per_m": 3.0}), tmp_path)
-    assert loops_of(log, bench) is None
-    assert feedback_of(bench, [log], declared_noise(bench)) == 1
+    assert controller.loops_of(log, bench) is None
+    assert logs.feedback_of(bench, [log], channels.declared_noise(bench)) == 1

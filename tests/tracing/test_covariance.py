@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hexsim.tracing.fitting import normal
-from hexsim.tracing.fitting.covariance import inverse, scattered
-from hexsim.tracing.fitting.normal import scores_of
+from hexsim.tracing.fitting import covariance, normal
 
 RATE_Hz, N, DRAWS = 1000.0, 20000, 60
 PROBLEM = SimpleNamespace(logs=[SimpleNamespace(time=np.arange(N) / RATE_Hz)])
@@ -37,10 +35,10 @@ def test_an_error_is_the_scatter_of_the_number(share, times):
     errors, numbers = [], []
     for _ in range(DRAWS):
         r = left_over(rng, share)
-        numbers.append(inverse(A) @ np.einsum("kcn,cn->k", X, r))
+        numbers.append(covariance.inverse(A) @ np.einsum("kcn,cn->k", X, r))
         left = r - np.einsum("k,kcn->cn", numbers[-1], X)
-        errors.append(np.sqrt(np.diag(scattered(A, np.zeros(0), scores_of([[X]], [left], PROBLEM)))))
-    white = np.sqrt(np.diag(inverse(A)))
+        errors.append(np.sqrt(np.diag(covariance.scattered(A, np.zeros(0), normal.scores_of([[X]], [left], PROBLEM)))))
+    white = np.sqrt(np.diag(covariance.inverse(A)))
     assert np.std(numbers, axis=0)[0] == pytest.approx(np.mean(errors, axis=0)[0], rel=0.25)
     assert np.mean(errors, axis=0)[0] > times * white[0]
     assert np.mean(errors, axis=0)[1] == pytest.approx(white[1], rel=0.25)
@@ -50,8 +48,8 @@ def test_no_error_is_less_than_that_of_white_noise():
     """Blocks that agree by chance, nothing left at all, and a prior on the first number."""
     X = columns_of(np.random.default_rng(2))
     A = np.einsum("kcn,lcn->kl", X, X) + np.diag([3.0, 0.0])
-    found = scattered(A, np.array([3.0]), scores_of([[X]], [np.zeros((1, N))], PROBLEM))
-    assert np.diag(found) == pytest.approx(np.diag(inverse(A)), rel=1e-9)
+    found = covariance.scattered(A, np.array([3.0]), normal.scores_of([[X]], [np.zeros((1, N))], PROBLEM))
+    assert np.diag(found) == pytest.approx(np.diag(covariance.inverse(A)), rel=1e-9)
 
 
 def test_columns_in_parts_and_blocks_give_the_normal_equations_of_the_whole(monkeypatch):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.tracing.dependence import dependence_of
+from hexsim.tracing import dependence as dependences
 
 RATE = 200.0
 ORDER = ("velocity_m_s", "position_m", "time_s")
@@ -23,7 +23,7 @@ def motion(n=4000, seed=0):
 def found_in(residual, columns=None):
     signals, v, noise = motion()
     own = None if columns is None else {key: [column(signals, v)[:, None]] for key, column in columns.items()}
-    return dependence_of([residual(signals, v) + 0.1 * noise], [signals], [v], RATE, ORDER, own)
+    return dependences.dependence_of([residual(signals, v) + 0.1 * noise], [signals], [v], RATE, ORDER, own)
 
 
 @pytest.mark.parametrize(

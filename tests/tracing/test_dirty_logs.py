@@ -10,14 +10,14 @@ import numpy as np
 import polars as pl
 import pytest
 
+import hexsim as hx
+from hexsim import readers
 from hexsim.machine import load_machine
-from hexsim.readers import read_log
-from hexsim.tracing.balances import balance_named
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing import balances
+from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation.simulator import simulate_log
-from hexsim.tracing.steps.logs import begin
-from hexsim.tracing.trace import trace
+from hexsim.tracing.simulation import simulator
+from hexsim.tracing.steps import logs
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
@@ -37,7 +37,7 @@ def machine():
 
 @pytest.fixture(scope="module")
 def log():
-    return read_log(LEAKING / "fit.csv.gz").head(4.0)
+    return readers.read_log(LEAKING / "fit.csv.gz").head(4.0)
 
 
 def folder_with(case: str, folder: Path, seed: int = 1, names: tuple[str, ...] = ("fit", "sweep", "validate")) -> Path:
@@ -59,8 +59,10 @@ def test_filled_samples_weigh_nothing(machine, log):
     for one in (replace(log, repaired=repaired), replace(log, repaired=repaired, columns=columns)):
         own = {"acceleration_m_s2": one.columns["acceleration_m_s2"]}
         simulated = SimulatedProblem(logs=(replace(log, repaired=repaired, columns=log.columns | own),), noise=NOISE)
-        rows = BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
-        balance = BalanceProblem(logs=(one,), parts=(rows,)).residual(machine, 0)
+        rows = balance_problem.BalanceRows(
+            balance=balances.balance_named("force", machine), sigma=np.ones(1), rows=(0,)
+        )
+        balance = balance_problem.BalanceProblem(logs=(one,), parts=(rows,)).residual(machine, 0)
         found.append((simulated.residual(machine, 0), balance))
     np.testing.assert_array_equal(found[0][0][:, :], found[1][0])
     np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-9)
@@ -71,7 +73,7 @@ def test_filled_samples_weigh_nothing(machine, log):
 def test_a_gap_makes_two_runs_with_states_of_their_own(tmp_path):
     """300 rows missing: both stretches are fitted, each named by when it begins."""
     folder = folder_with("300 missing rows", tmp_path, names=("fit", "validate"))
-    state = begin(folder, ["fit"], ["validate"])
+    state = logs.begin(folder, ["fit"], ["validate"])
     longer, shorter = state.fit_problem.logs
     assert longer.name == "fit" and shorter.name == f"fit from {shorter.offset_s:.1f} s"
     assert longer.n + shorter.n == 19700
@@ -80,9 +82,9 @@ def test_a_gap_makes_two_runs_with_states_of_their_own(tmp_path):
 
 def test_a_slow_log_is_simulated_with_every_tick_of_its_controller(machine, log):
     """100 Hz of a 500 Hz loop: the answer is that of 1 kHz at the same instants, within a tenth of the sensors' noise."""
-    fast = simulate_log(machine, log, 0, {})
+    fast = simulator.simulate_log(machine, log, 0, {})
     columns = {name: np.ascontiguousarray(x[::10]) for name, x in log.columns.items()}
-    slow = simulate_log(machine, replace(log, columns=columns, time=log.time[::10], rate=100.0), 0, {})
+    slow = simulator.simulate_log(machine, replace(log, columns=columns, time=log.time[::10], rate=100.0), 0, {})
     kinds = {"position": 3e-6, "pressure_bottom": 4e3, "acceleration": 0.02}
     for name, noise in kinds.items():
         off = slow[name][0, 30:-20] - fast[name][0, ::10][30:-20]
@@ -91,8 +93,8 @@ def test_a_slow_log_is_simulated_with_every_tick_of_its_controller(machine, log)
 
 def test_the_controller_ticks_where_the_volts_change(machine, log):
     """A log that begins with the second sample of a tick: the same answer but for its first tenths of a second."""
-    whole = simulate_log(machine, log, 0, {})
-    later = simulate_log(machine, log.part(slice(1, None)), 0, {})
+    whole = simulator.simulate_log(machine, log, 0, {})
+    later = simulator.simulate_log(machine, log.part(slice(1, None)), 0, {})
     off = later["position"][0, 500:] - whole["position"][0, 501:]
     assert np.max(np.abs(off)) < 1e-6
 
@@ -101,7 +103,7 @@ def test_the_controller_ticks_where_the_volts_change(machine, log):
 def test_jitter_and_lost_rows_leave_the_leak_as_it_is(tmp_path):
     """Stamps 0.4 ms off and 7 rows lost in each log: the leak within 0.5 %, and every repair is in the report."""
     folder = folder_with("stamps off by 0.4 ms and 7 missing rows", tmp_path)
-    result = trace(folder, fit=["fit", "sweep"], validate=["validate"])
+    result = hx.trace(folder, fit=["fit", "sweep"], validate=["validate"])
     assert result.verdict == "explained"
     (effect,) = result.report["effects"]
     assert effect["name"] == "leakage_supply_to_chamber"

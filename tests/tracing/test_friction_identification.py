@@ -7,18 +7,20 @@ import numpy as np
 import other_plant
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario, readers
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.readers import read_log
-from hexsim.recording.run_files import write_essentials
-from hexsim.scenarios import load_scenario
+from hexsim.recording import run_files
 from hexsim.simulation import simulate
-from hexsim.tracing.friction.figure import friction_figure, friction_table
+from hexsim.tracing.friction import figure as friction_figures
 from hexsim.tracing.friction.identification import identify_friction
-from hexsim.tracing.friction.stribeck import KEYS
 
 DATA = Path(__file__).resolve().parents[1] / "data"
+KEYS = [
+    f"{kind}_{way}_{unit}"
+    for way in ("extend", "retract")
+    for kind, unit in (("viscous", "N_s_m"), ("coulomb", "N"), ("static", "N"), ("stribeck_velocity", "m_s"))
+]
 FIELDS = ("viscous_out", "coulomb_out", "static_out", "stribeck", "viscous_in", "coulomb_in", "static_in", "stribeck")
 
 
@@ -35,7 +37,7 @@ def constant(tmp_path_factory):
         load_machine(folder),
         {"load.moving_mass_kg": float(plant.rig["mass"][0]), "uncertainty": {"moving_mass_kg": 1e-3}},
     )
-    return plant, machine, identify_friction(read_log(folder / "constant.parquet"), machine)
+    return plant, machine, identify_friction(readers.read_log(folder / "constant.parquet"), machine)
 
 
 def test_constant_velocities_give_the_stribeck_parameters_back(constant):
@@ -64,7 +66,7 @@ def test_map_lies_on_the_true_curve(constant):
 def test_errors_are_honest_on_ordinary_motion(tmp_path, run):
     """Multisine and the report's sine, mass known to 2 %: viscous within 1 %, Coulomb within 3 errors or 5 %."""
     plant = other_plant.write_machine(tmp_path, 5, {}, runs=[run], duration_s=20.0)
-    result = identify_friction(read_log(tmp_path / f"{run}.csv.gz"), load_machine(tmp_path))
+    result = identify_friction(readers.read_log(tmp_path / f"{run}.csv.gz"), load_machine(tmp_path))
     true = truth(plant)
     for way in ("extend", "retract"):
         viscous, coulomb = f"viscous_{way}_N_s_m", f"coulomb_{way}_N"
@@ -77,7 +79,7 @@ def test_errors_are_honest_on_ordinary_motion(tmp_path, run):
 def test_a_leg_of_a_hexapod(tmp_path):
     """Leg loads from the platform's motion: viscous within 3 %, Coulomb within 10 % on the multisine."""
     plant = other_plant.write_machine(tmp_path, 6, {}, "hexapod", runs=["fit"], duration_s=12.0)
-    result = identify_friction(read_log(tmp_path / "fit.csv.gz"), load_machine(tmp_path), leg=3)
+    result = identify_friction(readers.read_log(tmp_path / "fit.csv.gz"), load_machine(tmp_path), leg=3)
     true = truth(plant, 2)
     for way in ("extend", "retract"):
         for key, share in ((f"viscous_{way}_N_s_m", 0.03), (f"coulomb_{way}_N", 0.10)):
@@ -94,8 +96,8 @@ def test_legs_with_mass_do_not_look_like_friction(tmp_path, motion):
     machine = load_machine("micro_motion_system")
     run = simulate(machine, load_scenario(motion, duration_s=12.0))
     (tmp_path / "run").mkdir()
-    write_essentials(run, tmp_path / "run", "parquet")
-    result = identify_friction(read_log(tmp_path / "run"), load_machine(tmp_path / "run"), leg=2)
+    run_files.write_essentials(run, tmp_path / "run", "parquet")
+    result = identify_friction(readers.read_log(tmp_path / "run"), load_machine(tmp_path / "run"), leg=2)
     for way in ("extend", "retract"):
         declared = getattr(machine.friction, f"coulomb_{way}_N")
         assert result.parameters[f"coulomb_{way}_N"] == pytest.approx(declared, abs=4.0)
@@ -105,7 +107,7 @@ def test_legs_with_mass_do_not_look_like_friction(tmp_path, motion):
 def test_measured_bench(tmp_path):
     """On the measured bench log, whose truth is known, viscous friction within 1 % and Coulomb within 6 %."""
     parameters = json.loads((DATA / "bench_none" / "truth.json").read_text())["parameters"]
-    result = identify_friction(read_log(DATA / "bench_none" / "fit.csv.gz"), load_machine(DATA / "bench_none"))
+    result = identify_friction(readers.read_log(DATA / "bench_none" / "fit.csv.gz"), load_machine(DATA / "bench_none"))
     for way, mark in (("extend", "pos"), ("retract", "neg")):
         assert result.parameters[f"viscous_{way}_N_s_m"] == pytest.approx(parameters[f"viscous_{mark}"], rel=0.01)
         assert result.parameters[f"coulomb_{way}_N"] == pytest.approx(parameters[f"coulomb_{mark}"], rel=0.06)
@@ -117,8 +119,8 @@ def test_what_is_printed_written_and_drawn(constant, tmp_path):
     content = json.loads(json.dumps(result.to_json()))
     assert content["parameters"].keys() == set(KEYS)
     assert len(content["map"]["velocity_m_s"]) == len(result.map_velocity_m_s) > 20
-    assert friction_table(result).row_count == len(KEYS) + 2
-    figure = friction_figure(result)
+    assert friction_figures.friction_table(result).row_count == len(KEYS) + 2
+    figure = friction_figures.friction_figure(result)
     figure.savefig(tmp_path / "friction.png")
     assert (tmp_path / "friction.png").stat().st_size > 20_000
     fitted = result.fitted_machine()
@@ -129,9 +131,9 @@ def test_what_is_printed_written_and_drawn(constant, tmp_path):
 def test_what_cannot_be_told_is_refused(tmp_path):
     """No pressure, no motion, no such leg: a sentence each."""
     other_plant.write_machine(tmp_path, 2, {}, runs=["fit", "rest"], duration_s=3.0)
-    machine, log = load_machine(tmp_path), read_log(tmp_path / "fit.csv.gz")
+    machine, log = load_machine(tmp_path), readers.read_log(tmp_path / "fit.csv.gz")
     with pytest.raises(HexsimError, match="hardly moves"):
-        identify_friction(read_log(tmp_path / "rest.csv.gz"), machine)
+        identify_friction(readers.read_log(tmp_path / "rest.csv.gz"), machine)
     with pytest.raises(HexsimError, match="leg 2 does not exist"):
         identify_friction(log, machine, leg=2)
     log.columns.pop("pressure_bottom_Pa")

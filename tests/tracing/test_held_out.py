@@ -7,16 +7,15 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.signals.log import Log
-from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.null import used, with_noise
-from hexsim.tracing.design.motions import setpoint_log
-from hexsim.tracing.fitting.fit import answered, start_fit
-from hexsim.tracing.fitting.parameters import named, priors
-from hexsim.tracing.held_out import grown, growths, refused
+from hexsim.tracing import balances, held_out
+from hexsim.tracing.balances import null
+from hexsim.tracing.design import motions
+from hexsim.tracing.fitting import fit, parameters
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.logs import slower_than_controller
+from hexsim.tracing.steps import logs
 
 RATE = 1000.0
 LEAK = {"conductance_m3_s_Pa": 1.0e-12}
@@ -30,15 +29,15 @@ def test_growth_is_seen_and_chance_is_not(seed):
     rng = np.random.default_rng(seed)
     slow = np.convolve(rng.standard_normal(20_200), np.ones(200) / np.sqrt(200.0), "valid")[:20_000]
     other = np.convolve(rng.standard_normal(20_200), np.ones(200) / np.sqrt(200.0), "valid")[:20_000]
-    assert grown(slow, 1.05 * slow, RATE, 4) and grown(slow, -1.05 * slow, RATE, 4)
-    assert not grown(slow, 0.95 * slow, RATE, 4) and not grown(slow, other, RATE, 4)
-    assert not grown(slow, slow, RATE, 4) and grown(slow, np.full(20_000, np.inf), RATE, 4)
+    assert held_out.grown(slow, 1.05 * slow, RATE, 4) and held_out.grown(slow, -1.05 * slow, RATE, 4)
+    assert not held_out.grown(slow, 0.95 * slow, RATE, 4) and not held_out.grown(slow, other, RATE, 4)
+    assert not held_out.grown(slow, slow, RATE, 4) and held_out.grown(slow, np.full(20_000, np.inf), RATE, 4)
 
 
 def test_what_two_implementations_differ_by_is_no_growth():
     """A thousandth more in every block is sure, and says nothing about an effect."""
-    assert not grown(np.ones(20_000), np.sqrt(1.001) * np.ones(20_000), RATE, 4)
-    assert grown(np.ones(20_000), np.sqrt(1.01) * np.ones(20_000), RATE, 4)
+    assert not held_out.grown(np.ones(20_000), np.sqrt(1.001) * np.ones(20_000), RATE, 4)
+    assert held_out.grown(np.ones(20_000), np.sqrt(1.01) * np.ones(20_000), RATE, 4)
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +54,9 @@ def bench():
         "fade": "smooth",
     }
     tables |= {"axes": {"leg_1": MULTISINE}}
-    noise = noise_of(machine, [])
-    quiet = SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=noise).simulated(leaks, 0)
-    log = with_noise(quiet, noise, machine.sensors.position_resolution_m, np.random.default_rng(0))
+    noise = channels.noise_of(machine, [])
+    quiet = SimulatedProblem(logs=(motions.setpoint_log(machine, tables),), noise=noise).simulated(leaks, 0)
+    log = null.with_noise(quiet, noise, machine.sensors.position_resolution_m, np.random.default_rng(0))
     return machine, leaks, SimulatedProblem(logs=(log,), noise=noise), quiet
 
 
@@ -65,17 +64,17 @@ def test_the_right_effect_passes_and_a_wrong_one_is_refused(bench):
     """The leak that is there makes no channel worse. The same leak of the other sense, and the right one with a wrong one
     beside it, do: the wrong one is refused, by the channel that it makes worse."""
     machine, leaks, problem, _ = bench
-    assert growths(problem, machine, leaks) == []
-    assert {own.channel for own in growths(problem, leaks, machine)} >= {"position_m", "pressure_bottom_Pa"}
-    base = start_fit(machine, priors(machine)[:1], problem)
+    assert held_out.growths(problem, machine, leaks) == []
+    assert {own.channel for own in held_out.growths(problem, leaks, machine)} >= {"position_m", "pressure_bottom_Pa"}
+    base = fit.start_fit(machine, parameters.priors(machine)[:1], problem)
     right, wrong = named("leakage_supply_to_chamber"), named("leakage_chamber_to_tank")
-    one = answered(replace(base, candidates=(right,), values=(LEAK,)), problem)
-    assert refused(one, base, problem) is None
-    k, why = refused(answered(replace(base, candidates=(wrong,), values=(LEAK,)), problem), base, problem)
+    one = fit.answered(replace(base, candidates=(right,), values=(LEAK,)), problem)
+    assert held_out.refused(one, base, problem) is None
+    k, why = held_out.refused(fit.answered(replace(base, candidates=(wrong,), values=(LEAK,)), problem), base, problem)
     assert k == 0 and why.startswith("leakage_chamber_to_tank is not named: with it ") and "held-out run" in why
     small = {"conductance_m3_s_Pa": 3.0e-13}
-    both = answered(replace(base, candidates=(right, wrong), values=(LEAK, small)), problem)
-    k, why = refused(both, base, problem)
+    both = fit.answered(replace(base, candidates=(right, wrong), values=(LEAK, small)), problem)
+    k, why = held_out.refused(both, base, problem)
     assert k == 1 and "leakage_chamber_to_tank" in why
 
 
@@ -87,13 +86,15 @@ def test_force_balance_from_the_position_shows_a_force(bench, extra_N):
     pushed = changed(leaks, {"effects.constant_force": {"force_N": extra_N}})
     plain = replace(problem, logs=(quiet,))
     of_pushed, noisy = plain.simulated(pushed, 0), problem.logs[0]
-    balance = Force()
+    balance = balances.balance_named("force", machine)
     noise, own, lacking = (
-        used(log, balance.residual(replace(log, acceleration=None), leaks)[0]) for log in (noisy, quiet, of_pushed)
+        null.used(log, balance.residual(replace(log, acceleration=None), leaks)[0]) for log in (noisy, quiet, of_pushed)
     )
     assert balance.wants(replace(noisy, acceleration=None), machine)
     assert np.sqrt(np.mean((noise - own) ** 2)) < 3.0
-    complete = used(of_pushed, balance.residual(of_pushed, leaks)[0]) - used(quiet, balance.residual(quiet, leaks)[0])
+    complete = null.used(of_pushed, balance.residual(of_pushed, leaks)[0]) - null.used(
+        quiet, balance.residual(quiet, leaks)[0]
+    )
     assert abs(np.mean(lacking - own)) == pytest.approx(abs(extra_N), abs=0.5)
     assert np.mean(lacking - own) == pytest.approx(np.mean(complete), abs=0.5)
 
@@ -104,6 +105,6 @@ def test_a_log_slower_than_its_controller_is_said(bench):
     thin = Log(
         name="slow", kind="bench", time=quiet.time[::10], columns={key: x[::10] for key, x in quiet.columns.items()}
     )
-    [found] = slower_than_controller([thin], machine)
+    [found] = logs.slower_than_controller([thin], machine)
     assert "100 Hz" in found.description and "500 Hz" in found.description
-    assert slower_than_controller([quiet], machine) == []
+    assert logs.slower_than_controller([quiet], machine) == []

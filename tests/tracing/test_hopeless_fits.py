@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexsim import readers
 from hexsim.machine import load_machine
-from hexsim.readers import log_files, read_log
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import refine, start_fit, with_effects
-from hexsim.tracing.fitting.parameters import named, priors
-from hexsim.tracing.fitting.selection import pruned, residual_at_noise_level
+from hexsim.tracing.fitting import fit as least_squares
+from hexsim.tracing.fitting import parameters, selection
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.hypotheses import may_come_near
 
@@ -31,30 +31,32 @@ def test_what_the_best_change_of_its_size_takes_is_what_it_may_take(width, limit
     m = np.repeat(noise(4000 // width)[:1], width, axis=1) / np.sqrt(width)
     m *= 2.0 * limit / np.sqrt(width * np.mean(m**2))  # twice the limit in means over `width`, less in shorter ones
     needed = np.sum((0.5 * m) ** 2)
-    assert not residual_at_noise_level([m])
-    assert not residual_at_noise_level([m], fall=0.9 * needed)
+    assert not selection.residual_at_noise_level([m])
+    assert not selection.residual_at_noise_level([m], fall=0.9 * needed)
     lowered = 0.5 * (1.0 - 1e-9) * m
-    assert residual_at_noise_level([lowered]) and residual_at_noise_level([m], fall=1.0001 * needed)
+    assert selection.residual_at_noise_level([lowered]) and selection.residual_at_noise_level([m], fall=1.0001 * needed)
 
 
 def test_a_share_of_the_run_counts_as_before():
     """Of 6 s of 20 s at 1.2 times the noise the whole may still be at 1.08 times: (0.3 1.2^2 + 0.7)^0.5 = 1.06; at 1.4 it may not."""
     for size, possible in ((1.2, True), (1.4, False)):
         m = size * noise() / np.sqrt(np.mean(noise() ** 2, axis=1, keepdims=True))
-        assert residual_at_noise_level([m], share=0.3) == possible
-        assert not residual_at_noise_level([m])
+        assert selection.residual_at_noise_level([m], share=0.3) == possible
+        assert not selection.residual_at_noise_level([m])
 
 
 @pytest.fixture(scope="module")
 def opening() -> SimulatedProblem:
     """Four seconds of a bench that leaks."""
-    log = read_log(log_files(DATA, "fit")).head(4.0)
-    return SimulatedProblem(logs=(log,), noise=noise_of(load_machine(DATA), [log]))
+    log = readers.read_log(readers.log_files(DATA, "fit")).head(4.0)
+    return SimulatedProblem(logs=(log,), noise=channels.noise_of(load_machine(DATA), [log]))
 
 
 def hypothesis(name: str, problem: SimulatedProblem):
     machine = load_machine(DATA)
-    return with_effects(start_fit(machine, priors(machine), problem), [named(name)], 0.5, problem)
+    return least_squares.with_effects(
+        least_squares.start_fit(machine, parameters.priors(machine), problem), [named(name)], 0.5, problem
+    )
 
 
 def worth(fit, promise: float) -> bool:
@@ -64,8 +66,11 @@ def worth(fit, promise: float) -> bool:
 def test_a_fit_that_reaches_the_noise_is_the_same_with_the_rule(opening):
     """The leak that is there, begun at half its typical size: same numbers to the last bit, at the noise."""
     begun = hypothesis("leakage_supply_to_chamber", opening)
-    whole, ended = refine(begun, opening, fresh=True), refine(begun, opening, fresh=True, worth=worth)
-    assert residual_at_noise_level(whole.misfit)
+    whole, ended = (
+        least_squares.refine(begun, opening, fresh=True),
+        least_squares.refine(begun, opening, fresh=True, worth=worth),
+    )
+    assert selection.residual_at_noise_level(whole.misfit)
     assert ended.values == whole.values and np.array_equal(ended.deviations, whole.deviations)
 
 
@@ -82,7 +87,7 @@ def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):
     made = []
     for rule in (None, worth):
         counts[0] = 0
-        fit = refine(replace(begun), opening, fresh=True, worth=rule)
+        fit = least_squares.refine(replace(begun), opening, fresh=True, worth=rule)
         made.append(counts[0])
         assert fit.reduced > rules.NEAR_NOISE
     assert made[1] < 0.5 * made[0]
@@ -91,7 +96,7 @@ def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):
 def test_what_is_needed_stays_and_what_is_not_goes(opening):
     """Of a spring and the leak that is there the spring is superfluous; the refit without the leak ends early, and the leak stays."""
     leak, spring = named("leakage_supply_to_chamber"), named("spring")
-    both = with_effects(hypothesis("spring", opening), [leak], 0.5, opening)
-    fit = refine(both, opening, fresh=True)
-    assert fit.candidates == (spring, leak) and residual_at_noise_level(fit.misfit)
-    assert pruned(fit, opening).candidates == (leak,)
+    both = least_squares.with_effects(hypothesis("spring", opening), [leak], 0.5, opening)
+    fit = least_squares.refine(both, opening, fresh=True)
+    assert fit.candidates == (spring, leak) and selection.residual_at_noise_level(fit.misfit)
+    assert selection.pruned(fit, opening).candidates == (leak,)

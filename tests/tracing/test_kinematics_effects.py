@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
-from hexsim.errors import HexsimError
+import hexsim as hx
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import SETTLE_S
-from hexsim.simulation.faults import EffectFault
-from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.balances.sensor import Imu
-from hexsim.tracing.design.motions import setpoint_log
+from hexsim.scenarios import scenario_from_dict
+from hexsim.signals import channels
+from hexsim.tracing import balances
+from hexsim.tracing.design import motions
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.trace import trace
 
 NOISE = {
     "position_m": 3e-6, "pressure_bottom_Pa": 4e3, "pressure_supply_Pa": 4e3, "acceleration_m_s2": 0.02,
@@ -27,12 +25,12 @@ MOTION = {
     },
 }  # fmt: skip
 CASES = {
-    "base_joint_offset": ({"x_m": 1e-3, "where": "leg 3"}, Platform),
-    "platform_joint_offset": ({"z_m": 1e-3, "where": "leg 3"}, Platform),
-    "leg_zero_offset": ({"length_m": 5e-4, "where": "leg 3"}, Platform),
-    "gravity_direction": ({"about_x_rad": 2e-3}, Platform),
-    "imu_orientation": ({"y_rad": 0.0175}, Imu),
-    "imu_position": ({"x_m": 0.05, "z_m": 0.02}, Imu),
+    "base_joint_offset": ({"x_m": 1e-3, "where": "leg 3"}, "platform"),
+    "platform_joint_offset": ({"z_m": 1e-3, "where": "leg 3"}, "platform"),
+    "leg_zero_offset": ({"length_m": 5e-4, "where": "leg 3"}, "platform"),
+    "gravity_direction": ({"about_x_rad": 2e-3}, "platform"),
+    "imu_orientation": ({"y_rad": 0.0175}, "sensor"),
+    "imu_position": ({"x_m": 0.05, "z_m": 0.02}, "sensor"),
 }
 
 
@@ -49,21 +47,22 @@ def hexapod():
 def test_a_balance_holds_again_with_the_effect(hexapod, name):
     """A noise-free log of the machine that is built so: what the effect leaves in its balance falls below a fifth of what it
     makes there; the rest (held volts, reversals) is in both."""
-    table, balance = CASES[name]
+    table, violated = CASES[name]
+    balance = balances.balance_named(violated, hexapod)
     built = changed(hexapod, {f"effects.{name}": table})
-    problem = SimulatedProblem(logs=(setpoint_log(hexapod, MOTION).head(4.0),), noise=NOISE)
+    problem = SimulatedProblem(logs=(motions.setpoint_log(hexapod, MOTION).head(4.0),), noise=NOISE)
     usual, log = problem.simulated(hexapod, 0), problem.simulated(built, 0)
-    first = int((SETTLE_S + 0.1) * log.rate)
-    floor = balance().residual(usual, hexapod)[:, first:-100]
-    without, with_it = (balance().residual(log, machine)[:, first:-100] for machine in (hexapod, built))
+    first = int((channels.SETTLE_S + 0.1) * log.rate)
+    floor = balance.residual(usual, hexapod)[:, first:-100]
+    without, with_it = (balance.residual(log, machine)[:, first:-100] for machine in (hexapod, built))
     assert np.linalg.norm(with_it - floor) < 0.2 * np.linalg.norm(without - floor)
 
 
 def test_how_a_machine_is_built_cannot_begin_in_a_run(hexapod):
     """A joint does not move at a time of a run: refused with a sentence that says where it belongs."""
-    fault = EffectFault(time_s=1.0, effect="leg_zero_offset", parameters={"length_m": 1e-3}, where="leg 2")
-    with pytest.raises(HexsimError, match=r"leg_zero_offset is how the machine is built.*\[effects\]"):
-        fault.setting(hexapod, "fault:")
+    fault = {"kind": "effect", "time_s": 1.0, "effect": "leg_zero_offset", "parameters": {"length_m": 1e-3}}
+    with pytest.raises(hx.HexsimError, match=r"leg_zero_offset is how the machine is built.*\[effects\]"):
+        hx.run(scenario_from_dict(MOTION | {"faults": [fault | {"where": "leg 2"}]}), hexapod)
 
 
 @pytest.mark.slow
@@ -79,7 +78,7 @@ def test_how_a_machine_is_built_cannot_begin_in_a_run(hexapod):
 def test_what_is_built_otherwise_is_found_with_its_leg(tmp_path, built, leg, seed, name, number, size):
     """A hexapod of the second plant, traced whole: explained, that effect alone, in that leg, within 10 %."""
     write_machine(tmp_path, seed, {built: None}, "hexapod", leg=leg)
-    result = trace(tmp_path, ["fit"], ["validate_heave", "validate_roll"])
+    result = hx.trace(tmp_path, ["fit"], ["validate_heave", "validate_roll"])
     assert result.verdict == "explained"
     [effect] = result.report["effects"]
     assert (effect["name"], effect["where"]) == (name, "all legs" if leg is None else f"leg {leg}")

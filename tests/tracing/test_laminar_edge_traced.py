@@ -5,11 +5,11 @@ import pytest
 from other_equations import valve_flows
 from other_plant import declared_plant, write_machine
 
+import hexsim as hx
 from hexsim.hydraulics import ports
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.tracing.trace import trace
 
 REYNOLDS = 15.0
 
@@ -51,8 +51,8 @@ def named(tmp_path):
 
     def of(seed, effects):
         write_machine(tmp_path, seed, effects)
-        found = trace(tmp_path, ["fit", "sweep"], ["validate"])
-        return {one.candidate.effect.name: (one.values, one.standard_errors) for one in found.effects}
+        found = hx.trace(tmp_path, ["fit", "sweep"]).report["effects"]
+        return {one["name"]: (one["parameters"], one["standard_error"]) for one in found}
 
     return of
 

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.hydraulics.chamber import VAPOUR
+from hexsim import readers
+from hexsim.hydraulics import chamber
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
-from hexsim.signals.channels import channel_arrays, kind_of, noise_of
+from hexsim.signals import channels
 from hexsim.simulation import simulate
-from hexsim.tracing.design.motions import setpoint_log
+from hexsim.tracing.design import motions
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 DATA = Path(__file__).parents[1] / "data"
@@ -81,12 +81,14 @@ def test_chambers_that_cavitate_move_as_in_the_plant():
     tables = {"name": "blocks", "mode": "actuator", "duration_s": 2.0, "fade_s": 0.5, "axes": {"leg_1": block}}
     run = simulate(machine, scenario_from_dict(tables))
     assert any("cavitated" in text for text in run.warnings)
-    answer = channel_arrays(SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=NOISE).simulated(machine, 0))
+    answer = channels.channel_arrays(
+        SimulatedProblem(logs=(motions.setpoint_log(machine, tables),), noise=NOISE).simulated(machine, 0)
+    )
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
-        assert np.std(theirs - own[: len(theirs)]) < max(NOISE[kind_of(name)], 0.02 * np.std(theirs)), name
+        assert np.std(theirs - own[: len(theirs)]) < max(NOISE[channels.kind_of(name)], 0.02 * np.std(theirs)), name
         if "pressure" in name:
-            assert own.min() >= VAPOUR
+            assert own.min() >= chamber.VAPOUR
 
 
 def moves_as_in_the_plant(machine):
@@ -96,11 +98,11 @@ def moves_as_in_the_plant(machine):
         "axes": {"leg_1": {"kind": "sine", "amplitude": 0.04, "frequency_Hz": 0.5}},
     }  # fmt: skip
     run = simulate(machine, scenario_from_dict(tables))
-    log = setpoint_log(machine, tables)
-    answer = channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
+    log = motions.setpoint_log(machine, tables)
+    answer = channels.channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
-        assert np.std(theirs - own[: len(theirs)]) < 0.33 * NOISE[kind_of(name)], name
+        assert np.std(theirs - own[: len(theirs)]) < 0.33 * NOISE[channels.kind_of(name)], name
 
 
 @pytest.mark.parametrize(
@@ -129,12 +131,12 @@ def test_a_payload_on_a_spring_rides_as_in_the_plant(spring, axis):
         },
     }  # fmt: skip
     run = simulate(machine, scenario_from_dict(tables))
-    log = setpoint_log(machine, tables)
-    answer = channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
+    log = motions.setpoint_log(machine, tables)
+    answer = channels.channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
     assert np.std(answer[f"acceleration_{axis}_m_s2"]) > 0.3
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
-        assert np.std(theirs - own[: len(theirs)]) < NOISE[kind_of(name)], name
+        assert np.std(theirs - own[: len(theirs)]) < NOISE[channels.kind_of(name)], name
 
 
 @pytest.mark.parametrize("folder", ["bench_none", "bench_hysteresis"])
@@ -142,7 +144,8 @@ def test_the_true_machine_answers_the_log(folder):
     """With the parameters and the effect of truth.json, what is left of each channel is the sensors' noise within 3 %."""
     import json
 
-    from hexsim.tracing.fitting.parameters import named, priors, with_settings
+    from hexsim.tracing.fitting import parameters
+    from hexsim.tracing.fitting.parameters import named
 
     machine = load_machine(DATA / folder)
     truth = json.loads((DATA / folder / "truth.json").read_text())
@@ -152,12 +155,12 @@ def test_the_true_machine_answers_the_log(folder):
         "coulomb_retract_N": "coulomb_neg", "static_extend_N": "static_pos", "static_retract_N": "static_neg",
         "supply_pressure_Pa": "supply_pressure",
     }  # fmt: skip
-    off = {p: truth["parameters"][keys[p.key]] / p.declared - 1 for p in priors(machine)}
+    off = {p: truth["parameters"][keys[p.key]] / p.declared - 1 for p in parameters.priors(machine)}
     width = truth["undeclared"].get("valve_hysteresis")
     effects = [(named("valve_hysteresis"), {"half_width_V": width})] if width else []
-    log = read_log(DATA / folder / "validate.csv.gz")
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
-    misfit = problem.misfit([with_settings(machine, off, effects)])[0][0]
+    log = readers.read_log(DATA / folder / "validate.csv.gz")
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
+    misfit = problem.misfit([parameters.with_settings(machine, off, effects)])[0][0]
     assert np.sqrt(np.mean(misfit**2, axis=1)) == pytest.approx(1.0, abs=0.03)
 
 
@@ -169,7 +172,8 @@ def test_two_chambers_answer_the_log(folder):
     """
     import json
 
-    from hexsim.tracing.fitting.parameters import named, priors, with_settings
+    from hexsim.tracing.fitting import parameters
+    from hexsim.tracing.fitting.parameters import named
 
     source = Path(__file__).parents[2] / ".." / "shared" / "measured" / folder
     if not source.is_dir():
@@ -183,11 +187,11 @@ def test_two_chambers_answer_the_log(folder):
         "coulomb_retract_N": "coulomb_neg", "static_extend_N": "static_pos", "static_retract_N": "static_neg",
         "supply_pressure_Pa": "supply_pressure", "spool_frequency_Hz": "spool_frequency",
     }  # fmt: skip
-    off = {p: true[keys[p.key]] / p.declared - 1 for p in priors(machine)}
+    off = {p: true[keys[p.key]] / p.declared - 1 for p in parameters.priors(machine)}
     effects = [(named("leakage_across_piston"), {"conductance_m3_s_Pa": leak})] if leak else []
-    log = read_log(source / "validate.csv.gz").head(6.0)
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
-    misfit = problem.misfit([with_settings(machine, off, effects)])[0][0]
+    log = readers.read_log(source / "validate.csv.gz").head(6.0)
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
+    misfit = problem.misfit([parameters.with_settings(machine, off, effects)])[0][0]
     assert len(misfit) == 5
     assert np.sqrt(np.mean(misfit[1:] ** 2, axis=1)) == pytest.approx(1.0, abs=0.03)
     assert np.sqrt(np.mean(misfit[0] ** 2)) < 1.12

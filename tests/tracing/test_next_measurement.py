@@ -12,40 +12,25 @@ import pytest
 from other_plant import driven, measured, write_machine
 from typer.testing import CliRunner
 
+from hexsim import HexsimError, readers
 from hexsim.cli import app
-from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.host_limiter import setpoints_of
-from hexsim.readers import read_log
+from hexsim.motion_computer import host_limiter
 from hexsim.scenarios import scenario_from_dict
-from hexsim.signals.channels import noise_of
-from hexsim.tracing.balances import balance_named
+from hexsim.signals import channels
+from hexsim.tracing import balances
 from hexsim.tracing.checks.same_machine import check_same_machine
-from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.believed import hangs_on, reproduced
+from hexsim.tracing.design import believed as columns
+from hexsim.tracing.design import information, motions, next_measurement, rest
+from hexsim.tracing.design import words as design_words
 from hexsim.tracing.design.ceiling import ceiling_of
-from hexsim.tracing.design.information import (
-    Hypothesis,
-    Number,
-    Promise,
-    growth,
-    hypothesis,
-    promise,
-    says_nothing,
-    shrunk,
-)
-from hexsim.tracing.design.motions import KINDS, MotionFamily, setpoint_log
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
-from hexsim.tracing.design.rest import as_measured, labels_of
-from hexsim.tracing.design.words import expected_words, purpose_of
-from hexsim.tracing.fitting.fit import coordinates_of, refine, start_fit, with_effects
-from hexsim.tracing.fitting.parameters import named, priors
-from hexsim.tracing.fitting.rest_evidence import worse
-from hexsim.tracing.fitting.rest_level import is_held
+from hexsim.tracing.fitting import fit as least_squares
+from hexsim.tracing.fitting import parameters, rest_evidence, rest_level
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps import dominant, shapes, violations
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps import dominant, logs, shapes, violations
 
 DATA = Path(__file__).parents[1] / "data"
 LEAK = 2.5e-12
@@ -54,8 +39,8 @@ LEAK = 2.5e-12
 @pytest.fixture(scope="module")
 def bench():
     machine = load_machine(DATA / "bench_leakage")
-    log = read_log(DATA / "bench_leakage" / "validate.csv.gz").head(5.0)
-    return machine, log, SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+    log = readers.read_log(DATA / "bench_leakage" / "validate.csv.gz").head(5.0)
+    return machine, log, SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +48,10 @@ def leaking(bench):
     """The declared bench with its leak, refitted to 5 s."""
     machine, _, problem = bench
     leak = named("leakage_supply_to_chamber")
-    start = with_effects(start_fit(machine, priors(machine), problem), [leak], 0.5, problem)
-    return refine(start, problem, steps=6)
+    start = least_squares.with_effects(
+        least_squares.start_fit(machine, parameters.priors(machine), problem), [leak], 0.5, problem
+    )
+    return least_squares.refine(start, problem, steps=6)
 
 
 @pytest.mark.parametrize("name", ["bench", "micro_motion_system"])
@@ -72,15 +59,15 @@ def test_the_first_motions_use_what_the_machine_may(name):
     """All of them can be made, the first eight are of every kind, with a load and without; the first takes 0.9 of the
     stroke and 0.85 of the speed that are allowed, together, of a leg or of the platform."""
     machine = load_machine(name)
-    family = MotionFamily(machine, 20.0, may_load=True)
+    family = motions.MotionFamily(machine, 20.0, may_load=True)
     points = family.first_points(16)
     low, high = np.transpose(family.bounds)
     assert points.shape == (16, len(low)) and np.all(points >= low) and np.all(points <= high + 1e-6)
     made = [family.scenario(point) for point in points[:14]]
     assert all(tables is not None for tables in made)
-    assert {next(iter(tables["axes"].values()))["kind"] for tables in made[:8]} == set(KINDS)
+    assert {next(iter(tables["axes"].values()))["kind"] for tables in made[:8]} == set(motions.KINDS)
     assert {"machine" in tables for tables in made[:8]} == {True, False}
-    found = family.limiter.motion(setpoints_of(machine, made[0]))
+    found = family.limiter.motion(host_limiter.setpoints_of(machine, made[0]))
     used = [
         max(
             float(np.max(np.abs(derivatives[k]).max(axis=0) / getattr(family.limiter.limits[what], kind)))
@@ -94,8 +81,8 @@ def test_the_first_motions_use_what_the_machine_may(name):
 def test_a_hypothesis_is_not_apart_from_itself(bench, leaking):
     """The separation of two equal machines is nothing."""
     _, log, problem = bench
-    one = hypothesis("one", leaking, problem)
-    found = promise([one, dataclasses.replace(one, label="other")], log, problem.noise)
+    one = information.hypothesis("one", leaking, problem)
+    found = information.promise([one, dataclasses.replace(one, label="other")], log, problem.noise)
     assert found.separations["one", "other"] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -107,19 +94,19 @@ def test_what_a_declared_parameter_takes_up_separates_nothing(bench, leaking):
     off = leaking.deviations.copy()
     off[place] += 5e-4 * np.sign(-off[place])
     moved = dataclasses.replace(leaking, deviations=off)
-    pair = [hypothesis("one", leaking, problem), hypothesis("other", moved, problem)]
+    pair = [information.hypothesis("one", leaking, problem), information.hypothesis("other", moved, problem)]
     unknown = [dataclasses.replace(one, known=1e-6 * one.known) for one in pair]
     known = [dataclasses.replace(one, known=1e9 * one.known) for one in pair]
-    plain = promise(known, log, problem.noise).separations["one", "other"]
+    plain = information.promise(known, log, problem.noise).separations["one", "other"]
     assert plain > 100
-    assert promise(unknown, log, problem.noise).separations["one", "other"] < 0.01 * plain
+    assert information.promise(unknown, log, problem.noise).separations["one", "other"] < 0.01 * plain
 
 
 def test_the_same_run_again_halves_the_variance(bench, leaking):
     """A is X X' of the run and a prior that weighs little: the run once more makes the leak's error smaller by the root of 2."""
     _, log, problem = bench
-    calm = [hypothesis("leak", leaking, problem)]
-    found = promise(calm, dataclasses.replace(log, position=log.setpoint), problem.noise)
+    calm = [information.hypothesis("leak", leaking, problem)]
+    found = information.promise(calm, dataclasses.replace(log, position=log.setpoint), problem.noise)
     assert found.errors[0] == pytest.approx(calm[0].numbers[0].standard_error / np.sqrt(2.0), rel=0.03)
 
 
@@ -129,9 +116,9 @@ def test_a_column_that_depends_on_its_step_is_no_knowledge():
     time = np.arange(4000) * 1e-3
     fine = np.sin(2 * np.pi * 20.0 * time)[None, None]
     coarse = fine * np.where((time >= 1.0) & (time < 2.0), 1.5, 1.01)
-    believed = reproduced(fine, coarse, np.array([1.0]), 1000.0)
+    believed = columns.reproduced(fine, coarse, np.array([1.0]), 1000.0)
     assert believed[:900].all() and believed[2100:].all() and not believed[1100:1900].any()
-    assert reproduced(fine, coarse, np.array([1e-3]), 1000.0).all()
+    assert columns.reproduced(fine, coarse, np.array([1e-3]), 1000.0).all()
 
 
 def test_friction_is_never_known_better_than_it_is_declared(bench, leaking):
@@ -140,11 +127,12 @@ def test_friction_is_never_known_better_than_it_is_declared(bench, leaking):
     machine, log, problem = bench
     problem, effect = problem.with_input_uncertainty(machine), named("coulomb_friction_change")
     both = dataclasses.replace(
-        with_effects(leaking, [effect], 0.2, problem), values=({"conductance_m3_s_Pa": LEAK}, {"force_N": 1.0})
+        least_squares.with_effects(leaking, [effect], 0.2, problem),
+        values=({"conductance_m3_s_Pa": LEAK}, {"force_N": 1.0}),
     )
-    one = hypothesis("both", both, problem)
+    one = information.hypothesis("both", both, problem)
     one = dataclasses.replace(one, fit=dataclasses.replace(both, covariance=np.linalg.inv(one.known)))
-    told = promise([one], log, problem.noise).told
+    told = information.promise([one], log, problem.noise).told
     assert told is not None
     often = ceiling_of(one, [30.0 * told])
     errors = {
@@ -169,18 +157,22 @@ def test_friction_is_never_known_better_than_it_is_declared(bench, leaking):
 )
 def test_a_number_that_says_nothing_is_not_asked_for(effect, name, value, nothing):
     """It counts as known, whatever its error."""
-    assert says_nothing(named(effect).effect, name, value) == nothing
-    number = Number(effect=effect, name=name, value=value, standard_error=value, place=0, nothing=nothing)
+    assert information.says_nothing(named(effect).effect, name, value) == nothing
+    number = information.Number(effect=effect, name=name, value=value, standard_error=value, place=0, nothing=nothing)
     assert (number.relative == 0.0) == nothing
 
 
 def test_small_realities_are_not_asked_for(bench, leaking):
     """Of a machine with a leak and a small delay beside it the leak alone is to be sharpened, at its own coordinate."""
     _, _, problem = bench
-    beside = dataclasses.replace(with_effects(leaking, [named("position_delay")], 0.1, problem), covariance=None)
+    beside = dataclasses.replace(
+        least_squares.with_effects(leaking, [named("position_delay")], 0.1, problem), covariance=None
+    )
     beside = dataclasses.replace(beside, candidates=beside.candidates[::-1], values=beside.values[::-1])
     k = len(beside.priors)
-    asked = Hypothesis(label="", fit=beside, known=np.eye(k + 2), named=frozenset({"leakage_supply_to_chamber"}))
+    asked = information.Hypothesis(
+        label="", fit=beside, known=np.eye(k + 2), named=frozenset({"leakage_supply_to_chamber"})
+    )
     assert [(number.effect, number.place) for number in asked.numbers] == [("leakage_supply_to_chamber", k + 1)]
 
 
@@ -188,8 +180,10 @@ def test_small_realities_are_not_asked_for(bench, leaking):
 def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     """For two hypotheses the file says which it separates and how far, and `hexsim run` can read it."""
     machine, _, problem = bench
-    base = refine(start_fit(machine, leaking.priors, problem), problem, steps=3)
-    rival = refine(with_effects(base, [named("dead_volume")], 0.3, problem), problem, steps=3)
+    base = least_squares.refine(least_squares.start_fit(machine, leaking.priors, problem), problem, steps=3)
+    rival = least_squares.refine(
+        least_squares.with_effects(base, [named("dead_volume")], 0.3, problem), problem, steps=3
+    )
     trace = SimpleNamespace(
         machine=machine, fit_problem=problem, final=leaking, ties=[{"dead_volume": rival}], verdict="explained",
         effects=[], unexplained=[], search=SimpleNamespace(stages=[]), rest=(),
@@ -206,11 +200,11 @@ def test_an_error_that_ends_at_a_bound_is_not_made_small_by_it(leaking):
     """A leak known to +-1e6 coordinates is reported to its bound; a thousandth of that is still beyond the bound, and is
     promised as such."""
     loose = dataclasses.replace(leaking, covariance=1e12 * np.eye(len(leaking.priors) + 1))
-    one = Hypothesis(label="", fit=loose, known=np.eye(len(leaking.priors) + 1))
+    one = information.Hypothesis(label="", fit=loose, known=np.eye(len(leaking.priors) + 1))
     share = np.full(len(leaking.priors) + 1, 1e-3)
-    assert shrunk(one, share)[0] == pytest.approx(one.numbers[0].standard_error)
+    assert information.shrunk(one, share)[0] == pytest.approx(one.numbers[0].standard_error)
     calm = dataclasses.replace(one, fit=leaking)
-    assert shrunk(calm, share)[0] == pytest.approx(1e-3 * calm.numbers[0].standard_error)
+    assert information.shrunk(calm, share)[0] == pytest.approx(1e-3 * calm.numbers[0].standard_error)
 
 
 def test_what_stands_beside_every_name_is_no_part_of_one():
@@ -221,10 +215,10 @@ def test_what_stands_beside_every_name_is_no_part_of_one():
 
     ripple = "position_ripple"
     found = [fitted(ripple, "constant_force"), fitted(ripple, "incline"), fitted(ripple)]
-    assert labels_of(found, frozenset()) == ["constant_force", "incline", "nuisance effects alone"]
+    assert rest.labels_of(found, frozenset()) == ["constant_force", "incline", "nuisance effects alone"]
     found = [fitted("spring", ripple, "incline"), fitted("spring", ripple, "mass_change")]
-    assert labels_of(found, frozenset({"spring", "incline"})) == ["spring and incline", "spring and mass_change"]
-    assert labels_of(found[:1], frozenset({"incline"})) == ["incline"]
+    assert rest.labels_of(found, frozenset({"spring", "incline"})) == ["spring and incline", "spring and mass_change"]
+    assert rest.labels_of(found[:1], frozenset({"incline"})) == ["incline"]
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +227,7 @@ def late(tmp_path_factory):
     folder = tmp_path_factory.mktemp("late")
     effects = {"valve_delay": 6.0, "scale_ripple": 4e-6, "friction_warm_up": 0.08, "worn_bore": 3e-13}
     write_machine(folder, 3, effects, runs=("fit", "validate"), duration_s=10.0)
-    trace = begin(folder, ["fit"], ["validate"])
+    trace = logs.begin(folder, ["fit"], ["validate"])
     for step in (violations.STEP, shapes.STEP, dominant.STEP):
         trace = step.run(trace, lambda doing: None)
     return trace
@@ -248,9 +242,9 @@ def test_a_tie_of_a_partly_explained_machine_is_asked_about(late):
     assert (first, second) == (late.effects[0].candidate.label, late.effects[0].tied_with[0])
     assert {first, second} == {"valve_delay", "spool_lag"}
     assert second in [candidate.label for candidate in rival.candidates]
-    assert first not in [c.label for c in rival.candidates if not is_held(c)]
+    assert first not in [c.label for c in rival.candidates if not rest_level.is_held(c)]
     rows = range(len(late.rest[0].sizes))
-    assert not worse(late.rest[0], late.rest[1], rows)
+    assert not rest_evidence.worse(late.rest[0], late.rest[1], rows)
     assert np.abs(late.rest[1].sizes / late.rest[0].sizes - 1.0).max() < 0.1
 
 
@@ -259,7 +253,7 @@ def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
     """Blocks that jump would separate the delay from the spool, the same within the limits and slow strokes do not; the refits
     of the trace itself say the same, and that the first number's error shrinks with the jumps."""
     asked = what_is_open(late)
-    family = MotionFamily(late.machine, 10.0)
+    family = motions.MotionFamily(late.machine, 10.0)
     pair = asked.labels[:2]
     found = {}
     block = family.scenario(np.array((4, 0, 1.0, 0.3, 0.6, 0.5, 3)))
@@ -267,7 +261,7 @@ def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
     jump = block | {"axes": {"leg_1": block["axes"]["leg_1"] | {"transition_s": 0.0}}}  # a host would not let it out
     assert family.beyond(jump) > 50.0
     for name, tables in {"jump": jump, "block": block, "slow": slow}.items():
-        log = setpoint_log(late.machine, tables)
+        log = motions.setpoint_log(late.machine, tables)
         promised = asked.promise(log)
         found[name] = promised, asked.checked(log, promised)
     assert all(pair not in own.tied for own in found["jump"])
@@ -279,11 +273,13 @@ def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
 def test_an_error_that_hangs_on_a_small_reality_is_promised_with_that():
     """A delay of 6.9 +- 0.9 ms, promised to 0.1 ms beside a small spool that does nearly the same: the line says what else may be.
     Alone, or where little is promised, it says no more than the numbers."""
-    delay = Number(effect="valve_delay", name="delay_s", value=6.9e-3, standard_error=9e-4, place=0)
+    delay = information.Number(effect="valve_delay", name="delay_s", value=6.9e-3, standard_error=9e-4, place=0)
     alone = "valve_delay delay_s = 0.0069: error 0.0009 now, 0.0001 expected"
-    assert expected_words(delay, 1e-4, "") == alone
-    assert expected_words(delay, 1e-4, "spool_lag").startswith(f"{alone}, about as now where a little spool_lag ")
-    assert expected_words(delay, 8.9e-4, "spool_lag").endswith("0.00089 expected")
+    assert design_words.expected_words(delay, 1e-4, "") == alone
+    assert design_words.expected_words(delay, 1e-4, "spool_lag").startswith(
+        f"{alone}, about as now where a little spool_lag "
+    )
+    assert design_words.expected_words(delay, 8.9e-4, "spool_lag").endswith("0.00089 expected")
 
 
 def test_what_the_logs_show_is_nothing_that_an_error_hangs_on(late):
@@ -291,8 +287,8 @@ def test_what_the_logs_show_is_nothing_that_an_error_hangs_on(late):
     nothing now, and not where the logs show it."""
     asked = what_is_open(late)
     fit, own = asked.first.fit, asked.first.numbers[0].place
-    held = [""] * len(fit.priors) + [c.label if is_held(c) else "" for c in fit.candidates for _ in c.free()]
-    here = np.abs(coordinates_of(fit))
+    held = [""] * len(fit.priors) + [c.label if rest_level.is_held(c) else "" for c in fit.candidates for _ in c.free()]
+    here = np.abs(least_squares.coordinates_of(fit))
     small = max((k for k, label in enumerate(held) if label), key=lambda k: here[k])
     assert 1e-3 < here[small] < 1.0
     sizes, together = np.ones(len(held)), np.eye(len(held))
@@ -300,7 +296,7 @@ def test_what_the_logs_show_is_nothing_that_an_error_hangs_on(late):
     for size, said in {1.0: held[small], 1e-3: ""}.items():
         sizes[small] = size
         now = dataclasses.replace(fit, covariance=np.diag(sizes**2))
-        assert hangs_on(now, dataclasses.replace(fit, covariance=together), [own]) == (said,)
+        assert columns.hangs_on(now, dataclasses.replace(fit, covariance=together), [own]) == (said,)
 
 
 def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
@@ -310,8 +306,10 @@ def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
     twice = dataclasses.replace(
         asked, labels=("one", "other"), found=(asked.best, asked.best), known=(asked.known[0], asked.known[0])
     )
-    log = setpoint_log(late.machine, MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3])))
-    seen = as_measured(asked.best.fit, asked.problem, asked.simulated, log)
+    log = motions.setpoint_log(
+        late.machine, motions.MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3]))
+    )
+    seen = rest.as_measured(asked.best.fit, asked.problem, asked.simulated, log)
     assert np.abs(seen.residual(asked.best.fit.fitted_machine(), 0)).max() < 1e-9
     assert twice.promise(log).separations["one", "other"] == pytest.approx(0.0, abs=1e-9)
 
@@ -319,7 +317,9 @@ def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
 def test_a_motion_into_a_cushion_is_not_asked_for(late):
     """Setpoints inside the stroke promise something; the same, stretched until the piston comes into a cushion, promise nothing."""
     asked = what_is_open(late)
-    log = setpoint_log(late.machine, MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3])))
+    log = motions.setpoint_log(
+        late.machine, motions.MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3]))
+    )
     mid = 0.5 * late.machine.cylinder.stroke_m
     reach = np.abs(log.setpoint - mid).max()
     stretched = dataclasses.replace(log, setpoint=mid + (log.setpoint - mid) * 2.0 * mid / reach)
@@ -330,18 +330,18 @@ def test_a_motion_into_a_cushion_is_not_asked_for(late):
 def test_a_tie_that_no_motion_separates_is_said_first():
     """The first line says so, and what would; with a motion that does it says what it is for."""
     pair = ("incline", "constant_force")
-    stays = Promise(separations={pair: 5.0}, errors=(), information=0.0)
-    assert purpose_of({}, pair, stays, (), None, 60.0) == (
+    stays = information.Promise(separations={pair: 5.0}, errors=(), information=0.0)
+    assert design_words.purpose_of({}, pair, stays, (), None, 60.0) == (
         "no motion separates incline, constant_force; a load of 60 kg would"
     )
-    assert purpose_of({}, pair, stays, (), None, None).startswith(
+    assert design_words.purpose_of({}, pair, stays, (), None, None).startswith(
         "no motion separates incline, constant_force; another load"
     )
-    assert purpose_of({}, pair, stays, (), None, None, alike=True).endswith(
+    assert design_words.purpose_of({}, pair, stays, (), None, None, alike=True).endswith(
         "separates incline, constant_force; they are one term, that no log takes apart: look at the machine"
     )
     goes = dataclasses.replace(stays, separations={pair: 500.0})
-    assert purpose_of({}, pair, goes, (), None, None) == "to separate incline, constant_force"
+    assert design_words.purpose_of({}, pair, goes, (), None, None) == "to separate incline, constant_force"
 
 
 @pytest.fixture(scope="module")
@@ -360,7 +360,7 @@ def test_a_log_with_a_load_is_that_of_a_heavier_machine(bench, carrying):
     able, heavy, loaded = carrying
     for own, there, one in ((heavy, problem, loaded), (machine, problem, problem)):
         assert np.array_equal(one.answer(able, 0), there.answer(own, 0))
-        force = balance_named("force", machine)
+        force = balances.balance_named("force", machine)
         assert np.array_equal(force.residual(one.logs[0], able), force.residual(log, own))
 
 
@@ -382,9 +382,13 @@ def test_what_a_load_separates_is_designed_with_it(bench):
     able = changed(machine, {"load.additional_mass_kg": 60.0})
     tilted = problem.simulated(changed(able, {"effects.incline.angle_rad": 0.3}), 0)
     seen = SimulatedProblem(logs=(tilted,), noise=problem.noise)
-    bare, force = start_fit(able, (), seen), 0.3**2 / 2 * machine.load.moving_mass_kg * 9.8
+    bare, force = least_squares.start_fit(able, (), seen), 0.3**2 / 2 * machine.load.moving_mass_kg * 9.8
     fits = [
-        refine(dataclasses.replace(with_effects(bare, [named(name)], 0.5, seen), values=(values,)), seen, steps=4)
+        least_squares.refine(
+            dataclasses.replace(least_squares.with_effects(bare, [named(name)], 0.5, seen), values=(values,)),
+            seen,
+            steps=4,
+        )
         for name, values in (("incline", {"angle_rad": 0.3}), ("constant_force", {"force_N": force}))
     ]
     trace = SimpleNamespace(
@@ -402,8 +406,8 @@ def test_what_a_load_separates_is_designed_with_it(bench):
 def test_a_number_at_its_bound_does_not_end_a_design():
     """A coordinate that no log shows, in no motion, adds nothing to what a motion tells; the others count as they would alone."""
     before, after = np.diag([4.0, 0.0]), np.diag([16.0, 0.0])
-    assert growth(before, after) == pytest.approx(0.5 * np.log(4.0), rel=1e-6)
-    at_bound = Promise(separations={}, errors=(0.0, 1.0), information=1.0)
+    assert information.growth(before, after) == pytest.approx(0.5 * np.log(4.0), rel=1e-6)
+    at_bound = information.Promise(separations={}, errors=(0.0, 1.0), information=1.0)
     assert at_bound.worth(0) == at_bound.worth(1) == 1.0
 
 
@@ -411,9 +415,9 @@ def test_a_load_is_said_of_a_log_that_is_there():
     """A load on a log that is not traced, and one that nobody has weighed, are one sentence each."""
     folder = DATA / "bench_leakage"
     with pytest.raises(HexsimError, match="log sweep is said to have a load on and is not traced"):
-        begin(folder, ["fit"], ["validate"], 60.0, ["sweep"])
+        logs.begin(folder, ["fit"], ["validate"], 60.0, ["sweep"])
     with pytest.raises(HexsimError, match="log fit has a load on: say what it weighs"):
-        begin(folder, ["fit"], ["validate"], None, ["fit"])
+        logs.begin(folder, ["fit"], ["validate"], None, ["fit"])
 
 
 @pytest.mark.slow

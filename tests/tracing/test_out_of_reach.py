@@ -5,17 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
 from hexsim.machine import load_machine, save_machine
 from hexsim.machine.files import changed
-from hexsim.signals.channels import noise_of
-from hexsim.tracing.balances import library
-from hexsim.tracing.design.motions import setpoint_log
-from hexsim.tracing.fitting.fit import answered, effect_columns, parameter_columns, refine, start_fit
-from hexsim.tracing.fitting.parameters import Prior, named, priors
-from hexsim.tracing.fitting.screening import columns_of, screen
-from hexsim.tracing.fitting.selection import residual_at_noise_level, try_candidate
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.signals import channels
+from hexsim.tracing import balances
+from hexsim.tracing.design import motions
+from hexsim.tracing.fitting import fit, parameters, screening, selection
+from hexsim.tracing.fitting.parameters import named
+from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs as logs_step
 from hexsim.tracing.steps.experiments import separation
@@ -29,12 +27,12 @@ def heave_log(machine):
         "name": "heave", "mode": "dof", "machine_name": machine.name, "duration_s": 1.5,
         "axes": {"z": {"kind": "sine", "amplitude": 0.02, "frequency_Hz": 1.0}},
     }  # fmt: skip
-    bare = SimulatedProblem(logs=(setpoint_log(machine, tables),), noise=machine_noise(machine))
+    bare = SimulatedProblem(logs=(motions.setpoint_log(machine, tables),), noise=machine_noise(machine))
     return bare.simulated(machine, 0)
 
 
 def machine_noise(machine):
-    return noise_of(machine, [])
+    return channels.noise_of(machine, [])
 
 
 @pytest.fixture(scope="module")
@@ -43,14 +41,23 @@ def hexapod():
     machine = load_machine("micro_motion_system")
     log = heave_log(machine)
     simulated = SimulatedProblem(logs=(log,), noise=machine_noise(machine))
-    balances = [
-        balance for balance in library() if balance.name in ("platform", "sensor") and balance.wants(log, machine)
+    held = [
+        balance
+        for balance in balances.library()
+        if balance.name in ("platform", "sensor") and balance.wants(log, machine)
     ]
     parts = [
-        BalanceRows(balance=one, sigma=np.ones(len(one.places(log))), rows=tuple(range(len(one.places(log)))))
-        for one in balances
+        balance_problem.BalanceRows(
+            balance=one, sigma=np.ones(len(one.places(log))), rows=tuple(range(len(one.places(log))))
+        )
+        for one in held
     ]
-    return machine, priors(machine), simulated, BalanceProblem(logs=(log,), parts=tuple(parts))
+    return (
+        machine,
+        parameters.priors(machine),
+        simulated,
+        balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts)),
+    )
 
 
 @pytest.mark.parametrize("kind", ["simulated", "balances"])
@@ -58,33 +65,35 @@ def test_joints_out_of_reach_are_an_infinite_misfit(hexapod, kind):
     """Evaluated, as a neighbour, as a column of a screening and as a start: infinite, no column, no rival; never an error."""
     machine, own, simulated, balances = hexapod
     problem = simulated if kind == "simulated" else balances
-    base = start_fit(machine, own[:2], problem)
+    base = fit.start_fit(machine, own[:2], problem)
     candidate = named("base_joint_offset", "leg 3")
-    far = answered(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
+    far = fit.answered(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
     assert np.isfinite(base.chi2) and far.chi2 == np.inf
-    assert far.misfit[0].shape == base.misfit[0].shape and not residual_at_noise_level(far.misfit)
+    assert far.misfit[0].shape == base.misfit[0].shape and not selection.residual_at_noise_level(far.misfit)
     beside = replace(
         base, candidates=(candidate,), values=(OUT_OF_REACH,)
     )  # a good fit whose neighbours are out of reach
-    assert not np.any(effect_columns(beside, problem)[0])
+    assert not np.any(fit.effect_columns(beside, problem)[0])
     size = replace(candidate.effect.parameters[0], typical=40.0, bounds=(-100.0, 100.0))
     wild = replace(candidate, effect=replace(candidate.effect, parameters=(size, *candidate.effect.parameters[1:])))
-    assert not np.isfinite(columns_of(base, [wild], problem)[0][0]).any()
-    assert screen(parameter_columns(base, problem), [wild], problem) == []
-    assert try_candidate(base, wild, 1.0, problem, 1) is None
+    assert not np.isfinite(screening.columns_of(base, [wild], problem)[0][0]).any()
+    assert screening.screen(fit.parameter_columns(base, problem), [wild], problem) == []
+    assert selection.try_candidate(base, wild, 1.0, problem, 1) is None
 
 
 def test_a_number_that_no_machine_may_have_is_an_infinite_misfit(hexapod):
     """A declared parameter whose uncertainty reaches below zero: its column is zero, the refit ends and the machine stands."""
     machine, _, simulated, _ = hexapod
     mass = machine.load.carried_mass_kg
-    wide = Prior(key=machine.load.mass_key, dotted=f"load.{machine.load.mass_key}", declared=mass, half_width=150.0)
-    base = start_fit(machine, (wide,), simulated)
+    wide = parameters.Prior(
+        key=machine.load.mass_key, dotted=f"load.{machine.load.mass_key}", declared=mass, half_width=150.0
+    )
+    base = fit.start_fit(machine, (wide,), simulated)
     gone = replace(base, deviations=np.array([-2.0]))
-    assert gone.built() is None and answered(gone, simulated).chi2 == np.inf
+    assert gone.built() is None and fit.answered(gone, simulated).chi2 == np.inf
     with pytest.raises((HexsimError, ValueError)):
         gone.fitted_machine()
-    fitted = refine(replace(base, deviations=np.array([0.0])), simulated, steps=1)
+    fitted = fit.refine(replace(base, deviations=np.array([0.0])), simulated, steps=1)
     assert np.isfinite(fitted.chi2) and fitted.chi2 <= base.chi2
 
 

@@ -10,14 +10,14 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.errors import HexsimError
+from hexsim.signals import weak_form
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
+from hexsim.tracing import term_regression
 from hexsim.tracing.own.events import events
 from hexsim.tracing.own.expressions import formula
 from hexsim.tracing.own.trace import trace_folder
-from hexsim.tracing.term_columns import Point, aligned
 
 RATE, N = 100.0, 4000
 AREA, LEAK, RELIEF, CRACK = 1.0e-3, 2.0e-12, 4.0e-11, 1.5e7
@@ -218,7 +218,7 @@ def test_formulas_in_the_weak_form():
     """A rate that stands alone is the window's own, a factor before it too; in a product it has its short window."""
     t = np.arange(500) / RATE
     log = Log(name="x", kind="own", time=t, rate=RATE, columns={"y": t**2, "z": 1.0 + 0.0 * t})
-    point = Point(log=log, window=Window(RATE, 0.05), short=Window(RATE, 0.03))
+    point = term_regression.Point(log=log, window=weak_form.Window(RATE, 0.05), short=weak_form.Window(RATE, 0.03))
     inside = slice(30, -30)
     for text, expected in (
         ("2 * rate(y) - z", 4 * t - 1),
@@ -234,7 +234,7 @@ def test_pulses_in_a_residual_are_found_in_time_and_size():
     """Five pulses of 5 in noise of 1, none in noise alone."""
     rng, t = np.random.default_rng(0), np.arange(20000) / 1000.0
     truth = ((t % 4.0) > 1.0) & ((t % 4.0) < 1.5)
-    window = Window(1000.0, 0.02)
+    window = weak_form.Window(1000.0, 0.02)
     noise = window.mean(rng.standard_normal(len(t)))
     found = events(t, noise + window.mean(5.0 * truth), window.half)
     assert [event.start_s for event in found] == pytest.approx([1.0, 5.0, 9.0, 13.0, 17.0], abs=0.02)
@@ -248,7 +248,7 @@ def test_a_part_at_standstill_has_the_delay_of_the_others():
     moving = np.where((t > 80) & (t < 120), 0.0, 1.0)
     signal = moving * (np.sin(2 * np.pi * 0.2 * t) + 0.5 * np.sin(2 * np.pi * 0.33 * t))
     late = np.interp(t - 0.12, t, signal) + 1e-3 * np.random.default_rng(0).standard_normal(len(t))
-    found = aligned(Window(50.0, 0.1), "late", late, signal)
+    found = term_regression.aligned(weak_form.Window(50.0, 0.1), "late", late, signal)
     np.testing.assert_allclose(found.delay_s, 0.12, atol=5e-3)
     assert "from 80 to 120 s it does not follow" in found.sentence
 

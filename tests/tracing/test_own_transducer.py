@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
-from hexsim.signals.channels import declared_noise
+from hexsim.signals import channels
 from hexsim.simulation import simulate
-from hexsim.tracing.simulation.rig import DECLARED_LOOP, LOGGED_VOLTS, OWN_TRANSDUCER
-from hexsim.tracing.steps.logs import begin, feedback_of, read_runs
+from hexsim.tracing.simulation import rig as rigs
+from hexsim.tracing.steps import logs
 
 ERRORS = [  # of the second plant's log, whose loop reads the piston itself: its size, and hexsim's key with the same error
     ("position_gain", 0.005, "sensors.position_gain", 1.005),
@@ -32,7 +32,7 @@ def erring(request, tmp_path):
     """A first state of a trace, and the machine with all its true numbers."""
     name, size, key, value = request.param
     plant = write_machine(tmp_path, 3117, {name: size}, runs=("fit", "validate"), duration_s=8.0, suffix=".csv")
-    state = begin(tmp_path, ["fit"], ["validate"])
+    state = logs.begin(tmp_path, ["fit"], ["validate"])
     own = {dotted: float(plant.legs[field][0]) for dotted, field in TRUE.items()}
     rig = {"supply.pressure_Pa": "supply_pressure", "load.moving_mass_kg": "mass"}
     own |= {dotted: float(plant.rig[field][0]) for dotted, field in rig.items()}
@@ -43,14 +43,14 @@ def test_true_numbers_leave_noise_only_where_the_loop_reads_its_own_transducer(e
     """Seen by the volts alone. Position: chi2 a sample 1 within 5 % (6,000 samples of noise: 2 %), and means of 0.4 s at theirs;
     with the error in the loop more than ten times that."""
     state, machine = erring
-    assert state.fit_problem.feedback == OWN_TRANSDUCER
+    assert state.fit_problem.feedback == rigs.OWN_TRANSDUCER
     left = {
         feedback: replace(state.fit_problem, feedback=feedback).residual(machine, 0)[0]
-        for feedback in (DECLARED_LOOP, OWN_TRANSDUCER)
+        for feedback in (rigs.DECLARED_LOOP, rigs.OWN_TRANSDUCER)
     }
-    assert np.mean(left[OWN_TRANSDUCER] ** 2) == pytest.approx(1.0, abs=0.05)
-    assert np.mean(left[DECLARED_LOOP] ** 2) > 10.0
-    slow = left[OWN_TRANSDUCER][:6000].reshape(-1, 400).mean(axis=1) * 20.0
+    assert np.mean(left[rigs.OWN_TRANSDUCER] ** 2) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(left[rigs.DECLARED_LOOP] ** 2) > 10.0
+    slow = left[rigs.OWN_TRANSDUCER][:6000].reshape(-1, 400).mean(axis=1) * 20.0
     assert np.sqrt(np.mean(slow**2)) < 2.0
 
 
@@ -61,8 +61,8 @@ def test_an_error_that_the_loop_reads_itself_is_in_the_declared_loop(error, tmp_
     simulate(changed(bench, error), load_scenario("multisine", duration_s=4.0), seed=3).log.write_parquet(
         tmp_path / "run.parquet"
     )
-    [log], _ = read_runs(tmp_path, ["run"], bench)
-    assert feedback_of(bench, [log], declared_noise(bench)) == DECLARED_LOOP
+    [log], _ = logs.read_runs(tmp_path, ["run"], bench)
+    assert logs.feedback_of(bench, [log], channels.declared_noise(bench)) == rigs.DECLARED_LOOP
 
 
 def test_volts_that_no_transducer_explains_drive_the_model(tmp_path):
@@ -70,5 +70,5 @@ def test_volts_that_no_transducer_explains_drive_the_model(tmp_path):
     bench = load_machine("bench")
     built = changed(bench, {"controller.velocity_feed_forward_V_s_per_m": 3.0, "sensors.position_gain": 1.005})
     simulate(built, load_scenario("multisine", duration_s=4.0), seed=3).log.write_parquet(tmp_path / "run.parquet")
-    [log], _ = read_runs(tmp_path, ["run"], bench)
-    assert feedback_of(bench, [log], declared_noise(bench)) == LOGGED_VOLTS
+    [log], _ = logs.read_runs(tmp_path, ["run"], bench)
+    assert logs.feedback_of(bench, [log], channels.declared_noise(bench)) == rigs.LOGGED_VOLTS

@@ -6,9 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from hexsim.tracing import term_regression, term_selection
 from hexsim.tracing.own.trace import trace_folder
-from hexsim.tracing.term_columns import OwnBalance, Term, run_data
-from hexsim.tracing.term_selection import solve, solve_physical
 
 RATE, SECONDS, LATE_S, GEAR = 125.0, 48.0, 0.06, 12.0
 DISPLACEMENT, INERTIA, LEVER = 7.162e-6, 0.9, 0.0167  # m3/rad, kg m2, m
@@ -123,18 +122,21 @@ def test_beside_a_delay_every_term_has_the_sign_that_physics_allows(winch):
     """Leakage given the wrong sign is nothing then, and the other numbers those of a fit without it."""
     point = winch[0].fit[0]
     terms = {
-        name: Term(name=name, unit="", column=lambda p, k=name: p.mean(p[k]), sign=sign)
+        name: term_regression.Term(name=name, unit="", column=lambda p, k=name: p.mean(p[k]), sign=sign)
         for name, sign in (("pressure_a_Pa", -1), ("rope_N", 1))
     }
-    rate = Term(name="speed", unit="", column=lambda p: p.mean(p["speed_rad_s"]))
-    balance = OwnBalance(
+    rate = term_regression.Term(name="speed", unit="", column=lambda p: p.mean(p["speed_rad_s"]))
+    balance = term_regression.OwnBalance(
         name="flow", unit="m3/s", target=lambda p: p.mean(p["flow_m3_s"]), terms=(rate,), candidates=()
     )
-    runs = [run_data(balance, point)]
-    free, held = solve(balance, runs, tuple(terms.values())), solve_physical(balance, runs, tuple(terms.values()))
+    runs = [term_regression.run_data(balance, point)]
+    free, held = (
+        term_selection.solve(balance, runs, tuple(terms.values())),
+        term_selection.solve_physical(balance, runs, tuple(terms.values())),
+    )
     assert free[1] > 0.0
     assert abs(held[1]) < 1e-6 * free[1]
-    assert held[[0, 2]] == pytest.approx(solve(balance, runs, (terms["rope_N"],)), rel=1e-6)
+    assert held[[0, 2]] == pytest.approx(term_selection.solve(balance, runs, (terms["rope_N"],)), rel=1e-6)
 
 
 def test_a_delay_that_a_candidate_does_as_well_stays_where_correlation_put_it(tmp_path):

@@ -10,9 +10,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals.log import Log
 from hexsim.tracing.problems import problem
-from hexsim.tracing.problems.problem import in_job, in_parallel
-from hexsim.tracing.simulation import closed_loop, simulator
-from hexsim.tracing.simulation.rig import DECLARED_LOOP
+from hexsim.tracing.simulation import closed_loop, rig, simulator
 
 
 @pytest.fixture(autouse=True)
@@ -34,13 +32,13 @@ def test_results_come_in_the_order_of_the_jobs_and_each_job_is_done_once():
         return job
 
     def outer(k):
-        assert in_job()
-        return in_parallel(inner, range(10 * k, 10 * k + 10))
+        assert problem.in_job()
+        return problem.in_parallel(inner, range(10 * k, 10 * k + 10))
 
-    assert in_parallel(outer, range(7)) == [list(range(10 * k, 10 * k + 10)) for k in range(7)]
+    assert problem.in_parallel(outer, range(7)) == [list(range(10 * k, 10 * k + 10)) for k in range(7)]
     assert sorted(done) == list(range(70))
-    assert not in_job()
-    assert in_parallel(inner, []) == []
+    assert not problem.in_job()
+    assert problem.in_parallel(inner, []) == []
 
 
 def test_a_core_that_has_come_to_its_end_helps_with_the_jobs_of_a_job():
@@ -51,10 +49,10 @@ def test_a_core_that_has_come_to_its_end_helps_with_the_jobs_of_a_job():
         threads.add(threading.get_ident())
         time.sleep(0.02)
 
-    in_parallel(lambda parts: in_parallel(part, range(parts)), [1, 6])
+    problem.in_parallel(lambda parts: problem.in_parallel(part, range(parts)), [1, 6])
     assert len(threads) == 2
     threads.clear()
-    in_parallel(lambda parts: in_parallel(part, range(parts)), [6])
+    problem.in_parallel(lambda parts: problem.in_parallel(part, range(parts)), [6])
     assert len(threads) == 2
 
 
@@ -69,7 +67,7 @@ def test_a_job_that_fails_is_told_and_no_other_begins():
         time.sleep(0.01)
 
     with pytest.raises(ValueError, match="the first one"):
-        in_parallel(job, range(100))
+        problem.in_parallel(job, range(100))
     time.sleep(0.3)
     assert len(begun) < 10
 
@@ -86,7 +84,7 @@ def test_the_answer_of_a_machine_to_a_log_is_simulated_once(monkeypatch):
     bench = load_machine("bench")
 
     def asked(machine, log=log, off_Pa=0.0):
-        return simulator.simulate_log(machine, log, DECLARED_LOOP, {}, off_Pa)
+        return simulator.simulate_log(machine, log, rig.DECLARED_LOOP, {}, off_Pa)
 
     first, again = asked(bench), asked(load_machine("bench"))
     assert len(calls) == 1

@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.signals.channels import channel_arrays
+import hexsim as hx
+from hexsim.signals import channels
 from hexsim.tracing import rules
 from hexsim.tracing.predictable import predicted
-from hexsim.tracing.report.content import remarks
-from hexsim.tracing.steps import declared_refit
-from hexsim.tracing.steps.logs import begin
-from hexsim.tracing.steps.noise_only import hold_against_signals, without_own
-from hexsim.tracing.trace import trace as trace_whole
+from hexsim.tracing.report import content
+from hexsim.tracing.steps import declared_refit, noise_only
+from hexsim.tracing.steps import logs as trace_logs
 
 DATA = Path(__file__).parents[1] / "data"
 RATE, N = 1000.0, 20000
@@ -74,7 +73,7 @@ def test_a_small_delay_of_a_channel_itself_is_not_told(delay_s, low, high):
         rest[0] += delay_s * 1000.0 * RATE * speed["first"]
         rest[1] += 0.1 * own["first"]
     named = [{"a": 1000.0 * own["first"], "b": own["second"], **own} for own in signals]
-    left = without_own(("a", "b"), late, named, RATE, np.ones(2))
+    left = noise_only.without_own(("a", "b"), late, named, RATE, np.ones(2))
 
     def part(of, k):
         return np.std(np.concatenate([one[k] - two[k] for one, two in zip(of, rests, strict=True)]))
@@ -86,21 +85,25 @@ def test_a_small_delay_of_a_channel_itself_is_not_told(delay_s, low, high):
 @pytest.mark.slow
 def test_nothing_missing_is_not_said_of_a_transducer_that_reads_another_pressure_too():
     """A measured bench stays quiet; 0.3 % of the chamber's pressure in the supply's reading, a quarter of its noise, is told."""
-    trace = begin(DATA / "bench_none", ["fit", "sweep"], ["validate"])
+    trace = trace_logs.begin(DATA / "bench_none", ["fit", "sweep"], ["validate"])
     trace = replace(declared_refit.STEP.run(trace, lambda doing: None), verdict="nothing missing")
-    quiet = hold_against_signals(trace, lambda doing: None)
-    assert quiet.verdict == "nothing missing" and "follows no signal" in quiet.decided and not remarks(quiet)
+    quiet = noise_only.hold_against_signals(trace, lambda doing: None)
+    assert quiet.verdict == "nothing missing" and "follows no signal" in quiet.decided and not content.remarks(quiet)
     logs = tuple(replace(log, supply=log.supply + 0.003 * (log.pressure[0] - 3.5e6)) for log in trace.fit_problem.logs)
-    told = hold_against_signals(replace(trace, fit_problem=replace(trace.fit_problem, logs=logs)), lambda doing: None)
+    told = noise_only.hold_against_signals(
+        replace(trace, fit_problem=replace(trace.fit_problem, logs=logs)), lambda doing: None
+    )
     assert told.verdict == "unexplained" and told.predicted[0].channel == "pressure_supply_Pa"
-    assert told.predicted[0].signal in channel_arrays(logs[0]) and told.predicted[0].sentence in remarks(told)
+    assert told.predicted[0].signal in channels.channel_arrays(logs[0]) and told.predicted[
+        0
+    ].sentence in content.remarks(told)
     small = replace(trace, verdict="explained", fit_problem=replace(trace.fit_problem, logs=logs))
-    unsure = hold_against_signals(
+    unsure = noise_only.hold_against_signals(
         small, lambda doing: None
     )  # what the noise could hide, and something follows a signal
     assert unsure.verdict == "unexplained" and unsure.final is trace.base and "is not sure" in unsure.decided
     far = replace(trace.base, misfit=[2.0 * rest for rest in trace.base.misfit])
-    assert hold_against_signals(replace(small, base=far), lambda doing: None).verdict == "explained"
+    assert noise_only.hold_against_signals(replace(small, base=far), lambda doing: None).verdict == "explained"
 
 
 @pytest.mark.slow
@@ -110,9 +113,9 @@ def test_a_small_payload_mode_is_no_constant_force(tmp_path):
     from other_plant import write_machine
 
     write_machine(tmp_path, 3021, {"flexible_payload": 0.056365}, runs=("fit", "validate"), suffix=".csv")
-    found = trace_whole(tmp_path, ["fit"], ["validate"])
+    found = hx.trace(tmp_path)
     assert found.verdict == "explained"
-    (effect,) = found.effects
-    assert effect.candidate.effect.name == "flexible_payload" and not effect.tied_with
-    assert effect.values["mass_kg"] == pytest.approx(2.255, rel=0.03)
-    assert effect.values["frequency_Hz"] == pytest.approx(8.0, rel=0.01)
+    (effect,) = found.report["effects"]
+    assert effect["name"] == "flexible_payload" and not effect["tied_with"]
+    assert effect["parameters"]["mass_kg"] == pytest.approx(2.255, rel=0.03)
+    assert effect["parameters"]["frequency_Hz"] == pytest.approx(8.0, rel=0.01)

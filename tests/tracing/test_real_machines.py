@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.own.folder import load_simulated
-from hexsim.own.run import run_folder_of
+from hexsim import HexsimError
+from hexsim.own import folder as own_folder
+from hexsim.own import run
+from hexsim.signals import weak_form
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
-from hexsim.tracing.term_regression import OwnBalance, Point, Term, late_by, trace_own
+from hexsim.tracing import term_regression
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MEASURED = Path(os.environ.get("HEXSIM_MEASURED", REPOSITORY.parent / "shared" / "measured"))
@@ -29,7 +29,7 @@ valve_logs = pytest.mark.skipif(
 # ---- the machinery, on data whose truth is known -----------------------------------------
 
 
-def made_up_run(seed: int, leak: float, noise: float = 1.0) -> Point:
+def made_up_run(seed: int, leak: float, noise: float = 1.0) -> term_regression.Point:
     """target = 3 x + leak * z + noise: z is the candidate, w another that is nothing."""
     rng = np.random.default_rng(seed)
     t = np.arange(4000) * 0.02
@@ -41,24 +41,24 @@ def made_up_run(seed: int, leak: float, noise: float = 1.0) -> Point:
         "f": 300 * x + leak * 50 * z + noise * rng.standard_normal(len(t)),
     }
     log = Log(name=f"run{seed}", kind="own", time=t, rate=50.0, columns=columns)
-    return Point(log=log, window=Window(50.0, 0.2))
+    return term_regression.Point(log=log, window=weak_form.Window(50.0, 0.2))
 
 
-BALANCE = OwnBalance(
+BALANCE = term_regression.OwnBalance(
     name="made up",
     unit="N",
     target=lambda p: p.mean(p["f"]),
-    terms=(Term(name="x", unit="N", column=lambda p: p.mean(p["x"]), declared=2.8, uncertainty=0.3),),
+    terms=(term_regression.Term(name="x", unit="N", column=lambda p: p.mean(p["x"]), declared=2.8, uncertainty=0.3),),
     candidates=(
-        Term(name="z", unit="N", column=lambda p: p.mean(p["z"]), sign=1),
-        Term(name="w", unit="N", column=lambda p: p.mean(p["w"])),
+        term_regression.Term(name="z", unit="N", column=lambda p: p.mean(p["z"]), sign=1),
+        term_regression.Term(name="w", unit="N", column=lambda p: p.mean(p["w"])),
     ),
 )
 
 
 def test_a_missing_term_is_named_with_its_size():
     """0.4 z in every run: every fold names z and only z, 0.4 within 2 %, and the rest falls to the noise."""
-    verdict = trace_own(BALANCE, [made_up_run(seed, 0.4) for seed in range(4)])
+    verdict = term_regression.trace_own(BALANCE, [made_up_run(seed, 0.4) for seed in range(4)])
     assert verdict.named == ("z",)
     assert verdict.coefficients["z"][0] == pytest.approx(0.4, rel=0.02)
     assert all(fold.with_terms < 0.1 * fold.refit for fold in verdict.folds)
@@ -66,19 +66,23 @@ def test_a_missing_term_is_named_with_its_size():
 
 
 def test_nothing_missing_is_said_so():
-    assert trace_own(BALANCE, [made_up_run(seed, 0.0) for seed in range(4)]).verdict.startswith("nothing missing")
+    assert term_regression.trace_own(BALANCE, [made_up_run(seed, 0.0) for seed in range(4)]).verdict.startswith(
+        "nothing missing"
+    )
 
 
 def test_a_term_that_changes_sign_between_runs_is_not_named():
     """z helps on some runs and harms on others: no confident name."""
-    verdict = trace_own(BALANCE, [made_up_run(seed, leak) for seed, leak in enumerate((0.4, -0.4, 0.5, -0.5))])
+    verdict = term_regression.trace_own(
+        BALANCE, [made_up_run(seed, leak) for seed, leak in enumerate((0.4, -0.4, 0.5, -0.5))]
+    )
     assert verdict.named == ()
     assert verdict.verdict.startswith("unexplained")
 
 
 def test_an_unphysical_sign_is_not_chosen():
     """z may only be positive; -0.4 z is not called z, and the rest is said to depend on z."""
-    verdict = trace_own(BALANCE, [made_up_run(seed, -0.4) for seed in range(4)])
+    verdict = term_regression.trace_own(BALANCE, [made_up_run(seed, -0.4) for seed in range(4)])
     assert verdict.named == ()
     assert verdict.verdict.startswith("unexplained")
     assert verdict.depends_on[0] == "z" and verdict.depends_on[1] > 0.9
@@ -89,16 +93,18 @@ def test_a_late_channel_is_moved_part_by_part():
     t = np.arange(8000) * 0.02
     signal = np.sin(2 * np.pi * 0.2 * t) + 0.5 * np.sin(2 * np.pi * 0.33 * t)
     late = np.where(t < t[4000], 0.12, 0.20)
-    delay = late_by(Window(50.0, 0.1), "late", np.interp(t - late, t, signal), signal)
+    delay = term_regression.late_by(weak_form.Window(50.0, 0.1), "late", np.interp(t - late, t, signal), signal)
     np.testing.assert_allclose(delay[[1000, 3000]], 0.12, atol=5e-3)
     np.testing.assert_allclose(delay[[5000, 7000]], 0.20, atol=5e-3)
     with pytest.raises(HexsimError, match="does not follow"):
-        late_by(Window(50.0, 0.1), "late", np.random.default_rng(0).standard_normal(8000), signal)
+        term_regression.late_by(
+            weak_form.Window(50.0, 0.1), "late", np.random.default_rng(0).standard_normal(8000), signal
+        )
 
 
 def test_two_runs_are_too_few():
     with pytest.raises(HexsimError, match="2 runs are too few"):
-        trace_own(BALANCE, [made_up_run(seed, 0.0) for seed in range(2)])
+        term_regression.trace_own(BALANCE, [made_up_run(seed, 0.0) for seed in range(2)])
 
 
 # ---- measured ----------------------------------------------------------------------------
@@ -174,7 +180,7 @@ def test_servo_valve():
 ])  # fmt: skip
 def test_servo_valve_by_its_folder(tmp_path, test, name, value, within):
     """Numbers of the valve's tests from declared folders, by means over its current's noise: each is as stated with the data."""
-    own = run_folder_of(load_simulated(valve_folder(tmp_path, test)), None)
+    own = run.run_folder_of(own_folder.load_simulated(valve_folder(tmp_path, test)), None)
     assert own["numbers"][name]["value"] == pytest.approx(value, abs=within)
 
 

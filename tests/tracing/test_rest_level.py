@@ -12,43 +12,20 @@ from other_plant import write_machine
 from rough_machines import draw
 
 from hexsim.machine import load_machine
+from hexsim.signals import weak_form
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
-from hexsim.tracing import rules
-from hexsim.tracing.balances.balance import measured_point, resolved_machine, sensed_leg
-from hexsim.tracing.balances.continuity import Continuity, FastContinuity, fast_residual_of
-from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.null import with_noise
-from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.fitting import rest_evidence, rest_level, rest_priors
-from hexsim.tracing.fitting.fit import Fit, answered, start_fit, with_effects
-from hexsim.tracing.fitting.parameters import (
-    candidates,
-    coordinate_bounds,
-    named,
-    to_coordinate,
-    to_value,
-    with_settings,
-)
-from hexsim.tracing.fitting.rest_evidence import (
-    Evidence,
-    harm_of,
-    most_restored,
-    own_rows,
-    sure,
-    tie_limit,
-    values_in_leg,
-    worse,
-)
-from hexsim.tracing.fitting.rest_level import RestFit, ordinary_effects, prior_precision, row_counts, row_sizes
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
-from hexsim.tracing.problems.problem import FitProblem
-from hexsim.tracing.steps import dominant, shapes, violations
-from hexsim.tracing.steps.balance_search import with_fast_rows
-from hexsim.tracing.steps.dominant import followed, may_be_a_filter, sure_effects, worth_a_refit
-from hexsim.tracing.steps.logs import begin
+from hexsim.tracing import balances, rules
+from hexsim.tracing.balances import balance as points
+from hexsim.tracing.balances import continuity, null
+from hexsim.tracing.fitting import fit as least_squares
+from hexsim.tracing.fitting import parameters, rest_evidence, rest_level, rest_priors
+from hexsim.tracing.fitting.parameters import named
+from hexsim.tracing.problems import balance as balance_problem
+from hexsim.tracing.problems import problem as problems
+from hexsim.tracing.steps import balance_search, dominant, logs, shapes, violations
 
 DATA = Path(__file__).parents[1] / "data"
+BENCH = load_machine(DATA / "bench_none")
 ROUGH = {
     "small_spool_lag": 150.0,
     "small_position_delay": 0.4,
@@ -59,7 +36,7 @@ ROUGH = {
 
 
 def violated(folder, names=("fit", "sweep"), held_out=("validate",)):
-    trace = begin(folder, names, held_out)
+    trace = logs.begin(folder, names, held_out)
     for step in (violations.STEP, shapes.STEP):
         trace = step.run(trace, lambda doing: None)
     return trace
@@ -67,8 +44,8 @@ def violated(folder, names=("fit", "sweep"), held_out=("validate",)):
 
 def test_accelerometer_of_a_clean_bench_has_no_slope_against_the_second_derivative_of_position():
     """Samples miss 4 % of an acceleration that bends between ticks; with what they miss the slope is below 0.5 %."""
-    trace = begin(DATA / "bench_none", ["fit"], ["validate"])
-    point = sensed_leg(trace.fit_problem.logs[0], resolved_machine(trace.machine), 0)
+    trace = logs.begin(DATA / "bench_none", ["fit"], ["validate"])
+    point = points.sensed_leg(trace.fit_problem.logs[0], points.resolved_machine(trace.machine), 0)
     kept = slice(500, -500)
     rest, a = point.disagreement()[kept], point.window.mean(point.acceleration)[kept]
     missed = point.between_ticks()[kept]
@@ -79,8 +56,8 @@ def test_accelerometer_of_a_clean_bench_has_no_slope_against_the_second_derivati
 def test_small_realities_are_held_to_their_ordinary_size():
     """Every one of the table is an effect of the library with one number, which cannot leave its ordinary size, and what the
     machine file means by it."""
-    possible = candidates(load_machine(DATA / "bench_none"))
-    small = {candidate.effect.name: candidate for candidate in ordinary_effects(possible)}
+    possible = parameters.candidates(load_machine(DATA / "bench_none"))
+    small = {candidate.effect.name: candidate for candidate in rest_level.ordinary_effects(possible)}
     assert set(small) == set(rules.ORDINARY)
     for name, candidate in small.items():
         number, *meant = candidate.effect.parameters
@@ -91,15 +68,15 @@ def test_small_realities_are_held_to_their_ordinary_size():
 
 def test_a_small_reality_costs_as_much_at_its_reach_as_a_declared_parameter_at_its_half_width():
     """3 each, of either sign, at infinity too: else what a small one can do of a large effect is taken off its number."""
-    small = tuple(ordinary_effects(candidates(load_machine(DATA / "bench_none"))))
+    small = tuple(rest_level.ordinary_effects(parameters.candidates(load_machine(DATA / "bench_none"))))
     values = tuple(c.start() | {c.effect.parameters[0].name: 0.0} for c in small)
-    bare = Fit(
+    bare = least_squares.Fit(
         machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(*small, named("spring")),
         values=(*values, {"stiffness_N_m": 0.0}), chi2=0.0, n=0, misfit=[],
     )  # fmt: skip
-    *precision, last = prior_precision(bare)
+    *precision, last = rest_level.prior_precision(bare)
     for candidate, number in ((c, number) for c in small for number in c.free()):
-        low, high = coordinate_bounds(number)
+        low, high = parameters.coordinate_bounds(number)
         reach = 0.5 * (high - low) if number.of_the_file else max(-low, high)
         assert precision.pop(0) * reach**2 == pytest.approx(3.0), (candidate.label, number.name)
     assert last == 0.0 and not precision
@@ -108,13 +85,17 @@ def test_a_small_reality_costs_as_much_at_its_reach_as_a_declared_parameter_at_i
 def test_friction_that_fades_does_so_from_a_declared_value_of_a_cold_or_of_a_warm_machine():
     """Which one no log shows: 3 of J at either end, nothing in the middle, where it begins. It fades and never grows: with
     either sign it would be a change of all friction by a tenth."""
-    [warm] = [c for c in ordinary_effects(candidates(load_machine(DATA / "bench_none"))) if "warm_up" in c.label]
+    [warm] = [
+        c
+        for c in rest_level.ordinary_effects(parameters.candidates(load_machine(DATA / "bench_none")))
+        if "warm_up" in c.label
+    ]
     for cold, cost in ((warm.start()["declared_cold"], 0.0), (0.0, 3.0), (1.0, 3.0)):
-        fit = Fit(
+        fit = least_squares.Fit(
             machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(warm,),
             values=({"share_at_start": 0.0, "declared_cold": cold},), chi2=0.0, n=0, misfit=[],
         )  # fmt: skip
-        assert prior_precision(fit) @ rest_priors.off_prior(fit) ** 2 == pytest.approx(cost)
+        assert rest_level.prior_precision(fit) @ rest_priors.off_prior(fit) ** 2 == pytest.approx(cost)
     assert warm.start()["declared_cold"] == 0.5
     assert warm.effect.parameters[0].bounds == (0.0, rules.ORDINARY["friction_warm_up"])
 
@@ -126,7 +107,7 @@ def test_a_pressure_gain_is_no_offset_where_friction_fades_from_a_value_near_its
     place as a tie."""
     effects, _ = draw(1515, "pressure_gain")
     write_machine(tmp_path, 1515, effects)
-    [own] = (found := sure_effects(violated(tmp_path), lambda doing: None)).named
+    [own] = (found := dominant.sure_effects(violated(tmp_path), lambda doing: None)).named
     assert own.candidate.effect.name == "pressure_gain"
     fit = found.best.fit
     [gain] = fit.values[fit.candidates.index(own.candidate)].values()
@@ -135,64 +116,73 @@ def test_a_pressure_gain_is_no_offset_where_friction_fades_from_a_value_near_its
 
 def soft_bench(compliance):
     """(declared machine, that with a hose, a problem whose log is the simulated run of the second with noise)."""
-    problem = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem
+    problem = logs.begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem
     declared = load_machine(DATA / "bench_none")
-    soft = with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": compliance})])
+    soft = parameters.with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": compliance})])
     resolution = declared.sensors.position_resolution_m
-    log = with_noise(problem.simulated(soft, 0), problem.noise, resolution, np.random.default_rng(3))
+    log = null.with_noise(problem.simulated(soft, 0), problem.noise, resolution, np.random.default_rng(3))
     return declared, soft, replace(problem, logs=(log,))
 
 
 def test_a_soft_chamber_stands_out_of_the_fast_continuity():
     """A hose of 5e-14 m3/Pa: mean square above the noise three times that of the slow part; with the hose it is noise."""
     declared, soft, problem = soft_bench(5e-14)
-    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
-    stiff, right = (float(row_sizes([joint.residual(machine, 0)])[0]) for machine in (declared, soft))
+    joint = balance_search.with_fast_rows(
+        balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared
+    )
+    stiff, right = (float(rest_level.row_sizes([joint.residual(machine, 0)])[0]) for machine in (declared, soft))
     assert stiff > 1.5 and right == pytest.approx(1.0, abs=0.08)
-    slow = [Continuity().residual(problem.logs[0], machine)[0, 500:-100] for machine in (declared, soft)]
+    slow = [
+        balances.balance_named("continuity", machine).residual(problem.logs[0], machine)[0, 500:-100]
+        for machine in (declared, soft)
+    ]
     assert (stiff / right) ** 2 - 1.0 > 3.0 * ((np.std(slow[0]) / np.std(slow[1])) ** 2 - 1.0)
 
 
 def test_noise_of_the_pressure_does_not_ask_for_a_stiffer_chamber():
     """Undivided the fast residual of noise alone grows with the chamber's capacity; over what noise makes of it, it does not."""
     declared, _, problem = soft_bench(0.0)
-    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    joint = balance_search.with_fast_rows(
+        balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared
+    )
     [fast] = [part.balance for part in joint.parts]
     quiet = problem.simulated(declared, 0)
-    softer = with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": 1e-13})])
+    softer = parameters.with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": 1e-13})])
 
     def noise(balance, machine):
         return float(
             np.std((balance.residual(problem.logs[0], machine) - balance.residual(quiet, machine))[:, 500:-100])
         )
 
-    assert noise(FastContinuity(), softer) > 1.4 * noise(FastContinuity(), declared)
+    assert noise(continuity.FastContinuity(), softer) > 1.4 * noise(continuity.FastContinuity(), declared)
     assert noise(fast, softer) == pytest.approx(noise(fast, declared), rel=0.08)
 
 
 def test_a_flow_without_bound_leaves_no_number_and_no_warning():
     machine = load_machine(DATA / "bench_none")
-    log = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
-    resolved = resolved_machine(machine)
-    point = measured_point(log, machine, resolved, 0)
-    left = fast_residual_of(resolved.rows[0], point, np.full(log.n, np.inf), Window(log.rate))
+    log = logs.begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
+    resolved = points.resolved_machine(machine)
+    point = points.measured_point(log, machine, resolved, 0)
+    left = continuity.fast_residual_of(resolved.rows[0], point, np.full(log.n, np.inf), weak_form.Window(log.rate))
     assert np.all(np.isnan(left))
 
 
 def test_a_hexapod_and_a_slow_log_have_no_fast_continuity():
     machine = load_machine(DATA / "bench_none")
-    log = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
-    assert FastContinuity().wants(log, machine)
-    assert not FastContinuity().wants(replace(log, rate=200.0), machine)
-    assert not FastContinuity().wants(log, load_machine("micro_motion_system"))
+    log = logs.begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
+    assert continuity.FastContinuity().wants(log, machine)
+    assert not continuity.FastContinuity().wants(replace(log, rate=200.0), machine)
+    assert not continuity.FastContinuity().wants(log, load_machine("micro_motion_system"))
 
 
 def test_a_row_whose_rest_is_new_five_times_as_often_counts_five_times():
     log = Log(name="fit", kind="bench", time=np.arange(1000) * 1e-2, rate=100.0, position=np.zeros((1, 1000)))
-    slow = BalanceRows(balance=Continuity(), sigma=np.ones(1), rows=(0,))
-    problem = BalanceProblem(logs=(log,), parts=(slow, replace(slow, rest_time_s=rules.REST_TIME_S / 5.0)))
-    assert row_counts(problem) == pytest.approx([1.0, 5.0])
-    assert row_counts(problem.slow_alone()) == pytest.approx([1.0, 0.0])
+    slow = balance_problem.BalanceRows(balance=balances.balance_named("continuity", BENCH), sigma=np.ones(1), rows=(0,))
+    problem = balance_problem.BalanceProblem(
+        logs=(log,), parts=(slow, replace(slow, rest_time_s=rules.REST_TIME_S / 5.0))
+    )
+    assert rest_level.row_counts(problem) == pytest.approx([1.0, 5.0])
+    assert rest_level.row_counts(problem.slow_alone()) == pytest.approx([1.0, 0.0])
     plain = replace(problem, parts=(slow,))
     assert plain.slow_alone() is plain
 
@@ -200,22 +190,24 @@ def test_a_row_whose_rest_is_new_five_times_as_often_counts_five_times():
 def test_an_effect_in_one_leg_is_told_with_what_all_legs_share_of_it():
     """1.3e-12 beside 0.2e-12 in all legs is a leak of 1.5e-12 in that leg; bandwidths of spools do not add up."""
     machine = load_machine("micro_motion_system")
-    small = {candidate.effect.name: candidate for candidate in ordinary_effects(candidates(machine))}
+    small = {
+        candidate.effect.name: candidate for candidate in rest_level.ordinary_effects(parameters.candidates(machine))
+    }
     shared, leak = small["leakage_chamber_to_tank"], named("leakage_chamber_to_tank", "leg 4")
     slow, spool = small["spool_lag"], named("spool_lag", "leg 4")
     values = tuple(
         {own.effect.parameters[0].name: size}
         for own, size in ((shared, 0.2e-12), (slow, 200.0), (leak, 1.3e-12), (spool, 30.0))
     )
-    fit = Fit(
+    fit = least_squares.Fit(
         machine=machine, priors=(), deviations=np.zeros(0), candidates=(shared, slow, leak, spool), values=values,
         chi2=0.0, n=0, misfit=[],
     )  # fmt: skip
-    assert values_in_leg(fit, leak) == {leak.effect.parameters[0].name: pytest.approx(1.5e-12)}
-    assert values_in_leg(fit, spool) == values[3]
+    assert rest_evidence.values_in_leg(fit, leak) == {leak.effect.parameters[0].name: pytest.approx(1.5e-12)}
+    assert rest_evidence.values_in_leg(fit, spool) == values[3]
 
 
-SURE = Evidence(
+SURE = rest_evidence.Evidence(
     candidate=named("spring"), share=0.9, unseen=0.9, own=1.0, restored=(0.9, 0.9), remarkable=2.0, tied=(),
 )  # fmt: skip
 
@@ -224,8 +216,8 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
     """Little taken, or nothing held out, and its balance not restored; another balance, a sensor's that spoils a row, a
     number at the end of its range, a tone of the oil."""
     little = {"share": 0.2, "unseen": 0.1}
-    assert sure(SURE)
-    assert sure(replace(SURE, **little))  # its own balance is at the noise again
+    assert rest_evidence.sure(SURE)
+    assert rest_evidence.sure(replace(SURE, **little))  # its own balance is at the noise again
     for changes in (
         little | {"restored": (0.9, 0.5)},
         {"unseen": 0.02, "restored": (0.9, 0.1)},
@@ -234,7 +226,7 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         {"in_range": False},
         {"line": 0.2},
     ):
-        assert not sure(replace(SURE, **changes))
+        assert not rest_evidence.sure(replace(SURE, **changes))
 
 
 def test_a_rival_that_leaves_less_held_out_is_tied_by_a_wider_margin(monkeypatch):
@@ -250,41 +242,47 @@ def test_a_rival_that_leaves_less_held_out_is_tied_by_a_wider_margin(monkeypatch
     best = leaves(1.0, 1.0)
     for share, unseen, out in ((1.15, 1.05, True), (1.15, 0.95, False), (1.6, 1.05, True), (1.6, 0.95, True)):
         rival = leaves(share, unseen)
-        limit = tie_limit(rival, best.fit.held_out.misfit, None)
-        assert worse(rival, best, [0], limit) is out
+        limit = rest_evidence.tie_limit(rival, best.fit.held_out.misfit, None)
+        assert rest_evidence.worse(rival, best, [0], limit) is out
 
 
 def test_another_leg_is_no_witness_of_harm():
     """A pressure's gain in leg 1 mends its continuity; what all legs share shifts, and leg 4 has 7 % more: no harm of its own."""
     falls, own = np.array([1.6, 0.0, 0.0, -0.04]), [0]
-    problem = BalanceProblem(logs=(), parts=())
-    assert harm_of(falls, problem, own) == 0.0
-    assert harm_of(falls, problem) == pytest.approx(np.exp(0.08) - 1.0)
+    problem = balance_problem.BalanceProblem(logs=(), parts=())
+    assert rest_evidence.harm_of(falls, problem, own) == 0.0
+    assert rest_evidence.harm_of(falls, problem) == pytest.approx(np.exp(0.08) - 1.0)
 
 
 def test_of_several_own_balances_one_that_holds_again_suffices():
     """Held out too: a slow row that something else spoils says nothing against the fast one."""
     spoiled, mended = (np.array([4.9]),) * 4, tuple(map(np.array, ([2.0], [1.05], [2.0], [1.05])))
     only_seen = tuple(map(np.array, ([2.0], [1.0], [2.0], [1.9])))
-    assert min(most_restored([spoiled, mended])) > 0.9
-    assert min(most_restored([spoiled, only_seen])) < 0.2
-    assert most_restored([]) == (0.0, 0.0)
+    assert min(rest_evidence.most_restored([spoiled, mended])) > 0.9
+    assert min(rest_evidence.most_restored([spoiled, only_seen])) < 0.2
+    assert rest_evidence.most_restored([]) == (0.0, 0.0)
 
 
 def test_a_fast_row_is_no_other_residual_than_its_slow_one():
     """A delay that mends the fast part and leaves a little more in the slow one harms nothing; in the force it does."""
     log = Log(name="fit", kind="bench", time=np.arange(9) * 1e-3, rate=1e3, position=np.zeros((1, 9)))
-    parts = [BalanceRows(balance=own, sigma=np.ones(1), rows=(0,)) for own in (Continuity(), Force(), FastContinuity())]
-    problem = BalanceProblem(logs=(log,), parts=tuple(parts))
-    assert harm_of(np.array([-0.1, 0.0, 1.8]), problem) == pytest.approx(0.0)
-    assert harm_of(np.array([0.0, -0.1, 1.8]), problem) == pytest.approx(np.exp(0.2) - 1.0)
+    parts = [
+        balance_problem.BalanceRows(balance=own, sigma=np.ones(1), rows=(0,))
+        for own in (
+            *(balances.balance_named(name, BENCH) for name in ("continuity", "force")),
+            continuity.FastContinuity(),
+        )
+    ]
+    problem = balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts))
+    assert rest_evidence.harm_of(np.array([-0.1, 0.0, 1.8]), problem) == pytest.approx(0.0)
+    assert rest_evidence.harm_of(np.array([0.0, -0.1, 1.8]), problem) == pytest.approx(np.exp(0.2) - 1.0)
 
 
 def test_the_gain_of_a_late_sensor_may_be_a_filter():
     """Of the same sensor only."""
     late = [replace(SURE, candidate=named("accelerometer_delay"))]
-    assert may_be_a_filter(named("accelerometer_gain"), late)
-    assert not may_be_a_filter(named("pressure_gain"), late)
+    assert dominant.may_be_a_filter(named("accelerometer_gain"), late)
+    assert not dominant.may_be_a_filter(named("pressure_gain"), late)
 
 
 def test_the_gain_against_an_accelerometer_that_is_late_by_part_of_a_sample_may_be_a_filter():
@@ -294,18 +292,18 @@ def test_the_gain_against_an_accelerometer_that_is_late_by_part_of_a_sample_may_
         return SimpleNamespace(candidates=(named("accelerometer_delay"),), values=({"delay_s": delay_s},))
 
     for name in ("accelerometer_gain", "position_gain"):
-        assert may_be_a_filter(named(name), [], late_by(4.4e-4))
-        assert not may_be_a_filter(named(name), [], late_by(2e-5))
-    assert not may_be_a_filter(named("pressure_gain"), [], late_by(4.4e-4))
+        assert dominant.may_be_a_filter(named(name), [], late_by(4.4e-4))
+        assert not dominant.may_be_a_filter(named(name), [], late_by(2e-5))
+    assert not dominant.may_be_a_filter(named("pressure_gain"), [], late_by(4.4e-4))
 
 
 def test_an_inclines_coordinate_is_proportional_to_its_force():
     """1 - cos of twice the coordinate is twice as much, within 2 % at 0.3 rad; to a value and back is the identity."""
     [angle] = named("incline").effect.parameters
-    weight = [1.0 - np.cos(to_value(angle, x)) for x in (0.5, 1.0)]
+    weight = [1.0 - np.cos(parameters.to_value(angle, x)) for x in (0.5, 1.0)]
     assert weight[1] / weight[0] == pytest.approx(2.0, rel=0.02)
     for value in (0.01, 0.3, 1.2):
-        assert to_value(angle, to_coordinate(angle, value)) == pytest.approx(value)
+        assert parameters.to_value(angle, parameters.to_coordinate(angle, value)) == pytest.approx(value)
 
 
 def test_of_a_tie_what_leaves_least_of_all_runs_stands_first_and_a_nuisance_of_ordinary_size_before_it(monkeypatch):
@@ -327,11 +325,13 @@ def test_of_a_tie_what_leaves_least_of_all_runs_stands_first_and_a_nuisance_of_o
 def test_a_spool_that_the_base_took_for_the_effect_is_given_back():
     """Without the small spool, else where it stood; nothing to give back where there is none."""
     declared, _, problem = soft_bench(0.0)
-    [spool] = [c for c in ordinary_effects(candidates(declared)) if c.effect.name == "spool_lag"]
-    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
-    bare = start_fit(declared, (), joint)
+    [spool] = [c for c in rest_level.ordinary_effects(parameters.candidates(declared)) if c.effect.name == "spool_lag"]
+    joint = balance_search.with_fast_rows(
+        balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared
+    )
+    bare = least_squares.start_fit(declared, (), joint)
     fit = replace(bare, candidates=(spool, named("valve_delay")), values=({"frequency_Hz": 120.0}, {"delay_s": 1e-3}))
-    lagging = RestFit(fit=answered(fit, joint), columns=[], cost=0.0)
+    lagging = rest_level.RestFit(fit=least_squares.answered(fit, joint), columns=[], cost=0.0)
     without = rest_level.without_lag(lagging, joint)
     assert without is not None and np.isinf(without.fit.values[0]["frequency_Hz"])
     assert without.fit.values[1] == {"delay_s": 1e-3}
@@ -360,32 +360,35 @@ def test_a_delay_is_held_against_its_spool_with_every_later_effect(monkeypatch):
 def test_effects_whose_columns_tell_little_leave_room_for_those_that_promise_most():
     """Of six legs and all of them such an effect takes one place of the list, the best; a leak that promises most is in it."""
     machine = load_machine("micro_motion_system")
-    possible = [c for c in candidates(machine) if c.effect.name != "incline"]
+    possible = [c for c in parameters.candidates(machine) if c.effect.name != "incline"]
     asked = [(float(k), candidate, 0.1) for k, candidate in enumerate(possible)]
     leak = named("leakage_supply_to_chamber", "leg 3")
     asked.insert(0, (1e4, leak, 1.0))
-    listed = worth_a_refit(asked, bending=True)
+    listed = dominant.worth_a_refit(asked, bending=True)
     bending = [job for job in listed if np.isinf(job[1].effect.parameters[0].neutral)]
     assert any(candidate is leak for _, candidate, _ in listed)
     assert len(bending) > 3 and len({candidate.effect.name for _, candidate, _ in bending}) == len(bending)
     lags = [candidate.label for _, candidate, _ in asked if candidate.effect.name == "spool_lag"]
     assert [c.label for _, c, _ in bending if c.effect.name == "spool_lag"] == [lags[-1]]
-    assert worth_a_refit(asked, bending=False)[0][1] is leak
+    assert dominant.worth_a_refit(asked, bending=False)[0][1] is leak
 
 
-def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod():
+def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod(hexapod):
     """A leak's is its leg's continuity alone; friction's and a spring's are the platform's six, which hold the legs' forces."""
     positions = np.zeros((6, 2))
     log = Log(name="fit", kind="hexapod", time=np.arange(2) * 1e-3, rate=1e3, position=positions)
-    parts = [BalanceRows(balance=own, sigma=np.ones(6), rows=tuple(range(6))) for own in (Continuity(), Platform())]
-    problem = BalanceProblem(logs=(log,), parts=tuple(parts))
-    assert own_rows(named("leakage_supply_to_chamber", "leg 3"), problem) == [2]
-    assert own_rows(named("valve_hysteresis"), problem) == [0, 1, 2, 3, 4, 5]
+    parts = [
+        balance_problem.BalanceRows(balance=own, sigma=np.ones(6), rows=tuple(range(6)))
+        for own in (balances.balance_named(name, hexapod) for name in ("continuity", "platform"))
+    ]
+    problem = balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts))
+    assert rest_evidence.own_rows(named("leakage_supply_to_chamber", "leg 3"), problem) == [2]
+    assert rest_evidence.own_rows(named("valve_hysteresis"), problem) == [0, 1, 2, 3, 4, 5]
     for name in ("coulomb_friction_change", "pressure_dependent_friction", "spring"):
-        assert own_rows(named(name, "leg 3"), problem) == [6, 7, 8, 9, 10, 11]
+        assert rest_evidence.own_rows(named(name, "leg 3"), problem) == [6, 7, 8, 9, 10, 11]
 
 
-class LegFlows(FitProblem):
+class LegFlows(problems.FitProblem):
     """Six legs whose flow is leak times pressure plus null offset times gain. true: (leaks [1e-12], offsets [V]), six each."""
 
     def __init__(self, leaks, offsets):
@@ -417,20 +420,20 @@ def test_a_legs_own_null_offset_takes_nothing_from_the_leak_in_it():
     """A leak of 1.7e-12 in leg 3 beside -5 mV that no other leg has: 5 % off with what all legs share, right beside its own."""
     problem = LegFlows(np.array([0, 0, 1.7, 0, 0, 0]), np.array([2e-3, 2e-3, -5e-3, 2e-3, 2e-3, 2e-3]))
     machine = load_machine("micro_motion_system")
-    small = [c for c in ordinary_effects(candidates(machine)) if c.effect.name == "null_offset"]
+    small = [c for c in rest_level.ordinary_effects(parameters.candidates(machine)) if c.effect.name == "null_offset"]
     leak = named("leakage_chamber_to_tank", "leg 3")
-    bare = start_fit(machine, (), problem)
-    begun = with_effects(with_effects(bare, small, 0.0, problem), [leak], 1.0, problem)
+    bare = least_squares.start_fit(machine, (), problem)
+    begun = least_squares.with_effects(least_squares.with_effects(bare, small, 0.0, problem), [leak], 1.0, problem)
     shared = rest_level.refined(begun, problem)
     own = dominant.beside_its_own(shared, ["leg 3"], small, problem)
 
     def number(found):
-        return values_in_leg(found.fit, leak)["conductance_m3_s_Pa"]
+        return rest_evidence.values_in_leg(found.fit, leak)["conductance_m3_s_Pa"]
 
     assert [c.label for c in own.fit.candidates] == ["null_offset", leak.label, "null_offset in leg 3"]
     assert number(shared) < 0.95 * 1.7e-12
     assert number(own) == pytest.approx(1.7e-12, rel=0.01)
-    assert values_in_leg(own.fit, own.fit.candidates[-1])["offset_V"] == pytest.approx(-5e-3, rel=0.1)
+    assert rest_evidence.values_in_leg(own.fit, own.fit.candidates[-1])["offset_V"] == pytest.approx(-5e-3, rel=0.1)
     assert dominant.beside_its_own(shared, [], small, problem) is shared
 
 
@@ -448,7 +451,7 @@ def test_a_large_effect_is_named_over_five_small_ones_and_none_where_there_is_no
 ):
     """Right name, number within 10 %; without a large effect nothing is sure."""
     write_machine(tmp_path, 41, ROUGH | ({} if effect is None else {effect: value}))
-    found = sure_effects(violated(tmp_path), lambda doing: None)
+    found = dominant.sure_effects(violated(tmp_path), lambda doing: None)
     assert [own.candidate.effect.name for own in found.named] == ([] if name is None else [name])
     if unit_value is not None:
         fit = found.best.fit
@@ -465,6 +468,6 @@ def test_a_tie_takes_the_effect_that_was_named_since(monkeypatch):
     tie, best = (
         SimpleNamespace(fit=SimpleNamespace(candidates=[SimpleNamespace(label=label)])) for label in ("air", "leak")
     )
-    assert followed(tie, best, "problem") == "fit"
+    assert dominant.followed(tie, best, "problem") == "fit"
     assert asked.call_args.args == (tie, best.fit.candidates[-1], "problem", 0.3, -np.inf, -np.inf)
-    assert followed(best, best, "problem") is None
+    assert dominant.followed(best, best, "problem") is None

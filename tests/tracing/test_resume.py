@@ -9,11 +9,10 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from hexsim import HexsimError
 from hexsim.cli import app
-from hexsim.cli.work import interruptible
-from hexsim.errors import HexsimError
+from hexsim.tracing import store
 from hexsim.tracing import trace as traces
-from hexsim.tracing.store import FILE, TEXT, Asked, Stored
 
 DATA = Path(__file__).parents[1] / "data" / "bench_leakage"
 LENGTH_S = 3.0
@@ -52,7 +51,7 @@ def read(place):
 def test_a_trace_that_fails_and_is_interrupted_ends_as_one_that_is_not(folder, tmp_path, monkeypatch):
     """Once a step fails, once it is interrupted: each time report.json and report.html say that it is incomplete, and by what;
     resumed, no step is done twice, and the report is the same to the last digit but for the seconds."""
-    asked = Asked(machine=str(folder), fit=("fit",), validate=("validate",))
+    asked = store.Asked(machine=str(folder), fit=("fit",), validate=("validate",))
     keep = traces.kept_in(tmp_path, asked)
     plain = traces.trace(folder, ["fit"], ["validate"]).report
     monkeypatch.setattr(traces, "STEPS", failing("hypotheses", RuntimeError("a bug")))
@@ -77,14 +76,14 @@ def test_a_trace_that_fails_and_is_interrupted_ends_as_one_that_is_not(folder, t
     assert without_times(read(tmp_path)) == without_times(json.loads(json.dumps(plain)))
     assert plain["effects"][0]["name"] == "leakage_supply_to_chamber"
     traces.forget(tmp_path)
-    assert not (tmp_path / FILE).exists()
+    assert not (tmp_path / store.FILE).exists()
 
 
 @pytest.fixture
 def begun(folder, tmp_path, monkeypatch):
     """A folder with the state of a trace that was interrupted in its first step."""
     monkeypatch.setattr(traces, "STEPS", failing("balances", KeyboardInterrupt()))
-    asked = Asked(machine=str(folder), fit=("fit",), validate=("validate",))
+    asked = store.Asked(machine=str(folder), fit=("fit",), validate=("validate",))
     with pytest.raises(KeyboardInterrupt):
         traces.trace(folder, ["fit"], ["validate"], tmp_path, keep=traces.kept_in(tmp_path, asked))
     return tmp_path
@@ -102,16 +101,16 @@ def test_a_log_that_has_changed_is_refused(folder, begun):
                 traces.resume(begun)
         finally:
             (folder / name).write_bytes(before)
-    Stored(begun).check_same_files()
+    store.Stored(begun).check_same_files()
 
 
 def tampered(place, change):
-    with np.load(place / FILE) as arrays:
+    with np.load(place / store.FILE) as arrays:
         all_of = {name: arrays[name] for name in arrays.files}
-    told = json.loads(bytes(all_of[TEXT]))
+    told = json.loads(bytes(all_of[store.TEXT]))
     change(told)
-    all_of[TEXT] = np.frombuffer(json.dumps(told).encode(), dtype=np.uint8)
-    with (place / FILE).open("wb") as file:
+    all_of[store.TEXT] = np.frombuffer(json.dumps(told).encode(), dtype=np.uint8)
+    with (place / store.FILE).open("wb") as file:
         np.savez(file, **all_of)
 
 
@@ -135,12 +134,12 @@ def test_a_state_that_somebody_changed_is_one_sentence(begun, change, sentence):
 
 def test_a_file_that_is_cut_off_or_pickled_is_one_sentence(begun):
     """Half of the file; an array of objects, which numpy would unpickle."""
-    whole = (begun / FILE).read_bytes()
-    (begun / FILE).write_bytes(whole[: len(whole) // 2])
+    whole = (begun / store.FILE).read_bytes()
+    (begun / store.FILE).write_bytes(whole[: len(whole) // 2])
     with pytest.raises(HexsimError, match="cannot be read"):
         traces.resume(begun)
-    with (begun / FILE).open("wb") as file:
-        np.savez(file, **{TEXT: np.array([print], dtype=object)})
+    with (begun / store.FILE).open("wb") as file:
+        np.savez(file, **{store.TEXT: np.array([print], dtype=object)})
     with pytest.raises(HexsimError, match="cannot be read"):
         traces.resume(begun)
 
@@ -158,10 +157,3 @@ def test_bad_logs_leave_nothing(tmp_path, folder):
     """A log that is not there: exit code 2, no folder."""
     result = CliRunner().invoke(app, ["trace", str(folder), "--fit", "nowhere", "--out", str(tmp_path / "out")])
     assert result.exit_code == 2 and not (tmp_path / "out").exists()
-
-
-def test_work_in_a_thread_gives_and_raises_what_it_would():
-    """The result, and the error itself."""
-    assert interruptible(lambda: 3) == 3
-    with pytest.raises(HexsimError, match="no"):
-        interruptible(lambda: (_ for _ in ()).throw(HexsimError("no")))

@@ -6,13 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexsim.errors import HexsimError
-from hexsim.machine import load_machine
-from hexsim.tracing.fitting.fit import parameter_columns, start_fit
+import hexsim as hx
+from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.declared_refit import refit_declared
-from hexsim.tracing.steps.logs import begin
-from hexsim.tracing.trace import trace
+from hexsim.tracing.steps import declared_refit, logs
 
 DATA = Path(__file__).parents[1] / "data"
 SHARED = Path(__file__).parents[3] / "shared" / "measured"
@@ -22,8 +19,9 @@ def test_hysteresis_is_found(tmp_path):
     """bench_hysteresis: explained, by the spool's backlash alone, half width within 10 % of 0.04 V, and nothing worse
     than 1.3 times the noise (position 2 times) on the held-out sine. report.json and machine.toml are there and valid."""
     steps = []
-    trace(DATA / "bench_hysteresis", ["fit", "sweep"], ["validate"], tmp_path, lambda step, share: steps.append(share))
-    report = json.loads((tmp_path / "report.json").read_text())
+    result = hx.trace(DATA / "bench_hysteresis", ["fit", "sweep"], progress=lambda step, share: steps.append(share))
+    out = result.to_folder(tmp_path / "out")
+    report = json.loads((out / "report.json").read_text())
     assert report["verdict"] == "explained"
     (effect,) = report["effects"]
     assert (effect["name"], effect["balance"], effect["where"]) == ("valve_hysteresis", "valve", "leg 1")
@@ -33,24 +31,22 @@ def test_hysteresis_is_found(tmp_path):
         assert row["with_effect"] < (2.0 if name == "position_m" else 1.3) * row["noise"]
         assert row["with_effect"] < row["declared"]
     assert [b["name"] for b in report["balances"] if b["violated"]] == ["valve"]
-    assert load_machine(tmp_path).effects["valve_hysteresis"]["half_width_V"] == effect["parameters"]["half_width_V"]
-    assert (
-        "<img" in (tmp_path / "report.html").read_text() and "http" not in (tmp_path / "report.html").read_text()[:2000]
-    )
+    assert hx.load_machine(out).effects["valve_hysteresis"]["half_width_V"] == effect["parameters"]["half_width_V"]
+    assert "<img" in (out / "report.html").read_text() and "http" not in (out / "report.html").read_text()[:2000]
     assert steps[0] == 0.0 and steps[-1] == 1.0 and steps == sorted(steps)
 
 
 def test_a_machine_that_diverges_along_its_logs_ends_in_a_sentence(monkeypatch):
     """Volts that are no valve's: no traceback of the linear algebra, but what to check."""
-    state = begin(DATA / "bench_none", ["fit"], ["validate"])
+    state = logs.begin(DATA / "bench_none", ["fit"], ["validate"])
     monkeypatch.setattr(SimulatedProblem, "residual", lambda self, machine, i: np.full((1, 10), np.nan))
-    with pytest.raises(HexsimError, match=r"cannot be simulated along fit: its answer diverges\. valve_V must be"):
-        refit_declared(state, lambda doing: None)
+    with pytest.raises(hx.HexsimError, match=r"cannot be simulated along fit: its answer diverges\. valve_V must be"):
+        declared_refit.refit_declared(state, lambda doing: None)
 
 
 def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):
     """Its column is 0, so that a refit leaves it where it is; the others keep theirs."""
-    state = begin(DATA / "bench_none", ["fit"], ["validate"])
+    state = logs.begin(DATA / "bench_none", ["fit"], ["validate"])
     declared = state.machine.oil.bulk_modulus_Pa
 
     def residual(self, machine, i):
@@ -58,14 +54,16 @@ def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):
         return np.full((1, 10), np.nan if off else machine.valve.discharge_coefficient)
 
     monkeypatch.setattr(SimulatedProblem, "residual", residual)
-    fit = parameter_columns(start_fit(state.machine, state.base.priors, state.fit_problem), state.fit_problem)
+    fit = least_squares.parameter_columns(
+        least_squares.start_fit(state.machine, state.base.priors, state.fit_problem), state.fit_problem
+    )
     moved = {prior.key for prior, column in zip(fit.priors, fit.columns[0], strict=True) if np.any(column)}
     assert moved == {"discharge_coefficient"}
 
 
 def test_nothing_missing():
     """bench_none: the declared machine with its parameters refitted is enough, and detectable sizes stand for the rest."""
-    result = trace(DATA / "bench_none", ["fit", "sweep"], ["validate"])
+    result = hx.trace(DATA / "bench_none")
     assert result.report["verdict"] == "nothing missing"
     assert result.report["effects"] == [] and result.report["unexplained"] == []
     assert not any(balance["violated"] for balance in result.report["balances"])
@@ -86,7 +84,7 @@ def test_measured_benches(folder):
     """The other measured benches: the right name first, its number within 10 %; an incline is tied with a constant force."""
     if not SHARED.is_dir():
         pytest.skip(f"the measured logs are not at {SHARED}")
-    result = trace(SHARED / folder, ["fit", "sweep"], ["validate"])
+    result = hx.trace(SHARED / folder, ["fit", "sweep"])
     name, parameter, value = TRUTH[folder]
     assert [e["name"] for e in result.report["effects"]] == [name]
     assert result.report["effects"][0]["parameters"][parameter] == pytest.approx(value, rel=0.1)
@@ -99,7 +97,7 @@ def test_measured_hexapods(folder, verdict):
     """The hexapods: nothing, and the leak of leg 2 within 10 %."""
     if not SHARED.is_dir():
         pytest.skip(f"the measured logs are not at {SHARED}")
-    report = trace(SHARED / folder, ["fit"], ["validate_heave", "validate_roll"]).report
+    report = hx.trace(SHARED / folder, ["fit"], ["validate_heave", "validate_roll"]).report
     assert report["verdict"] == verdict
     if verdict == "explained":
         (effect,) = report["effects"]

@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
+import hexsim as hx
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
-from hexsim.signals.channels import noise_of
+from hexsim.signals import channels
 from hexsim.signals.lag import lagged
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
-from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.null import used
-from hexsim.tracing.balances.sensor import Sensor
-from hexsim.tracing.design.motions import setpoint_log
-from hexsim.tracing.fitting.fit import chi2_of
+from hexsim.tracing import balances
+from hexsim.tracing.balances import null
+from hexsim.tracing.design import motions
+from hexsim.tracing.fitting import fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.trace import trace
 
 SAMPLE_s = 1e-3
 MOTION = {
@@ -49,16 +48,17 @@ def test_a_lag_begins_at_none():
     assert (found[1] - s)[1:] == pytest.approx(-1e-9 * np.diff(s, axis=0) / SAMPLE_s, rel=1e-5, abs=1e-15)
 
 
-@pytest.mark.parametrize(("name", "balance"), [("position_lag", Sensor), ("pressure_lag", Force)])
-def test_a_balance_holds_again_with_the_lag(name, balance):
+@pytest.mark.parametrize(("name", "violated"), [("position_lag", "sensor"), ("pressure_lag", "force")])
+def test_a_balance_holds_again_with_the_lag(name, violated):
     """A noise-free log behind a lag of 50 Hz: what it leaves in its balance falls below a fifth with the effect declared."""
     bench = changed(load_machine("bench"), {"sensors": {}})
     built = changed(bench, {f"effects.{name}": {"time_constant_s": 1.0 / (2 * np.pi * 50.0)}})
-    problem = SimulatedProblem(logs=(setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
+    problem = SimulatedProblem(logs=(motions.setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
     usual, log = problem.simulated(bench, 0), problem.simulated(built, 0)
     inner = slice(round(log.rate), -100)
-    floor = balance().residual(usual, bench)[:, inner]
-    without, with_it = (balance().residual(log, machine)[:, inner] for machine in (bench, built))
+    balance = balances.balance_named(violated, bench)
+    floor = balance.residual(usual, bench)[:, inner]
+    without, with_it = (balance.residual(log, machine)[:, inner] for machine in (bench, built))
     assert np.linalg.norm(with_it - floor) < 0.2 * np.linalg.norm(without - floor)
 
 
@@ -69,12 +69,15 @@ def test_declared_filters_are_in_the_fits():
     plain = changed(built, {"sensors.position_filter_Hz": 0.0, "sensors.pressure_filter_Hz": 0.0})
     run = simulate(built, load_scenario("multisine", duration_s=4.0), seed=5)
     log = replace(Log.of_table("multisine", run.log, "bench"), pressure_top=None)
-    problem = SimulatedProblem(logs=(log,), noise=noise_of(built, [log]))
+    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(built, [log]))
     known, ignored = (np.sqrt(np.mean(problem.residual(machine, 0) ** 2, axis=1)) for machine in (built, plain))
     assert problem.channels(0)[:2] == ["position_m", "pressure_bottom_Pa"]
     assert np.all(known[:2] < 1.05)
     assert ignored[0] > 10.0 and ignored[1] > 3.0
-    agreed, late = (np.std(used(log, Sensor().residual(log, machine))) for machine in (built, plain))
+    agreed, late = (
+        np.std(null.used(log, balances.balance_named("sensor", built).residual(log, machine)))
+        for machine in (built, plain)
+    )
     assert agreed < 0.3 * late
 
 
@@ -85,7 +88,7 @@ def test_a_lag_is_found_with_its_cut_off(tmp_path, name, cut_off_Hz):
     """A bench of the second plant, its parameters off, traced whole: that effect alone, within 10 %."""
     lag_s = 1.0 / (2 * np.pi * cut_off_Hz)
     write_machine(tmp_path, 43, {name: 1e3 * lag_s})
-    result = trace(tmp_path, ["fit", "sweep"], ["validate"])
+    result = hx.trace(tmp_path, ["fit", "sweep"], ["validate"])
     assert result.verdict == "explained"
     [effect] = result.report["effects"]
     assert effect["name"] == name
@@ -94,5 +97,5 @@ def test_a_lag_is_found_with_its_cut_off(tmp_path, name, cut_off_Hz):
 
 def test_a_misfit_beyond_all_numbers_is_infinite():
     """1e200 squared is no number: inf without a warning, as for a simulation that diverged."""
-    assert chi2_of([np.array([1.0, 1e200])]) == np.inf
-    assert chi2_of([np.array([3.0]), np.array([4.0])]) == 25.0
+    assert fit.chi2_of([np.array([1.0, 1e200])]) == np.inf
+    assert fit.chi2_of([np.array([3.0]), np.array([4.0])]) == 25.0

@@ -8,16 +8,15 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
-from hexsim.signals.channels import noise_of
-from hexsim.tracing import rules
-from hexsim.tracing.dependence import FORMS
+from hexsim.signals import channels
+from hexsim.tracing import dependence, rules
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.report import page as report_page
 from hexsim.tracing.report import tables
 from hexsim.tracing.report.balance_figure import fitted_curves
-from hexsim.tracing.steps.logs import read_runs
+from hexsim.tracing.steps import logs as trace_logs
+from hexsim.tracing.steps import violations as violated
 from hexsim.tracing.steps.residuals import unexplained_residuals
-from hexsim.tracing.steps.violations import violations
 
 
 @pytest.mark.parametrize(
@@ -35,13 +34,13 @@ def test_what_a_rest_depends_on(tmp_path, monkeypatch, effect, balance, signal, 
     monkeypatch.setattr(rules, "NULL_SEEDS", 3)
     write_machine(tmp_path, 12, {effect: None}, "bench", duration_s=20.0)
     machine = load_machine(tmp_path)
-    logs, _ = read_runs(Path(tmp_path), ["fit", "sweep"], machine)
-    problem = SimulatedProblem(logs=tuple(logs), noise=noise_of(machine, logs))
-    worst = unexplained_residuals(violations(machine, machine, problem), problem)[0]
+    logs, _ = trace_logs.read_runs(Path(tmp_path), ["fit", "sweep"], machine)
+    problem = SimulatedProblem(logs=tuple(logs), noise=channels.noise_of(machine, logs))
+    worst = unexplained_residuals(violated.violations(machine, machine, problem), problem)[0]
     assert (worst.balance, worst.dependence.signal, worst.dependence.form) == (balance, signal, form)
 
 
-@pytest.mark.parametrize("form", [*FORMS, "size", "tone"])
+@pytest.mark.parametrize("form", [*dependence.FORMS, "size", "tone"])
 def test_every_form_of_a_dependence_has_a_drawing_and_words(form):
     """The report draws one curve or two of as many values as knots, and says the form in words that name the signal."""
     rng = np.random.default_rng(0)

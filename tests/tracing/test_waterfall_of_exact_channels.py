@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hexsim.tracing.report.budget import waterfall, worst_of_kinds
+from hexsim.tracing.report import budget as budgets
 
 STEPS = ("as declared", "parameters refitted", "with effect")
 
@@ -20,7 +20,7 @@ def rows(channel: str, noise: float, *rms: float) -> list[dict]:
 def test_no_error_at_all_is_drawn_too(supply):
     """A channel with no error before, after or at all: the picture is drawn, and a channel without any error has no panel."""
     budget = rows("position_m", 3e-6, 8e-4, 8e-4, 4e-6) + rows("pressure_supply_Pa", 4e3, *supply)
-    shown = worst_of_kinds(budget)
+    shown = budgets.worst_of_kinds(budget)
     assert ("held_out", "position_m") in shown
     assert (("held_out", "pressure_supply_Pa") in shown) == (supply[1] > 0.0)
-    assert waterfall(SimpleNamespace(budget=budget)).startswith(b"\x89PNG")
+    assert budgets.waterfall(SimpleNamespace(budget=budget)).startswith(b"\x89PNG")

@@ -10,15 +10,15 @@ import time
 import numpy as np
 import pytest
 
-from hexsim.cueing.protocols import PROTOCOLS
-from hexsim.cueing.shaping import AXES, AxisShape, Shaping
-from hexsim.errors import HexsimError
+from hexsim import HexsimError
+from hexsim.cueing import protocols
+from hexsim.cueing import shaping as shapes
 from hexsim.machine import load_machine
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
-from hexsim.simulation.vehicle_link import FADE_S, SILENT_S, Vehicle
-from hexsim.web import Flight, FlightPage
-from hexsim.web.browser import move_slider, opened
+from hexsim import web
+from hexsim.simulation import vehicle_link
+from hexsim.web import browser
 
 RATE_Hz = 500.0
 SETTLED = int(5 * RATE_Hz)  # ticks, ten times the lag by which numbers go over
@@ -32,22 +32,22 @@ def steps(shaping, acceleration, rates=(0.0, 0.0, 0.0), ticks=SETTLED):
 def test_a_motion_is_given_on_as_it_comes_until_something_is_asked():
     """Six numbers in, the same six out, in the first tick."""
     given = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
-    np.testing.assert_allclose(Shaping(RATE_Hz).step(given[:3], given[3:]), given, rtol=1e-12)
+    np.testing.assert_allclose(shapes.Shaping(RATE_Hz).step(given[:3], given[3:]), given, rtol=1e-12)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_gain_and_dead_band_act_on_their_axis_alone(sign):
     """Gain 0.5 and a dead band of 0.4: 3 m/s2 become 1.3, 0.3 m/s2 nothing, of either sign; the other axes stay."""
-    shaping = Shaping(RATE_Hz)
-    shaping.ask({"sway": AxisShape(gain=0.5, dead_band=0.4)})
+    shaping = shapes.Shaping(RATE_Hz)
+    shaping.ask({"sway": shapes.AxisShape(gain=0.5, dead_band=0.4)})
     assert steps(shaping, (1.0, sign * 3.0, 2.0)) == pytest.approx([1.0, sign * 1.3, 2.0, 0.0, 0.0, 0.0], abs=1e-3)
     assert steps(shaping, (0.0, sign * 0.3, 0.0))[1] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_smoothing_is_a_lag_of_its_time_constant():
     """A step of 1 m/s2 through 0.2 s: 1 - 1/e after 0.2 s, 1 after 2 s."""
-    shaping = Shaping(RATE_Hz)
-    shaping.ask({"heave": AxisShape(smoothing_s=0.2)})
+    shaping = shapes.Shaping(RATE_Hz)
+    shaping.ask({"heave": shapes.AxisShape(smoothing_s=0.2)})
     steps(shaping, (0.0, 0.0, 0.0))
     assert steps(shaping, (0.0, 0.0, 1.0), ticks=100)[2] == pytest.approx(1.0 - math.exp(-1.0), abs=0.01)
     assert steps(shaping, (0.0, 0.0, 1.0), ticks=900)[2] == pytest.approx(1.0, abs=1e-3)
@@ -55,9 +55,9 @@ def test_smoothing_is_a_lag_of_its_time_constant():
 
 def test_a_slider_is_no_jolt():
     """From gain 1 to 3 at 1 m/s2: no tick changes by more than 2/250 of it (the lag of 0.5 s at 500 Hz), and it arrives."""
-    shaping = Shaping(RATE_Hz)
+    shaping = shapes.Shaping(RATE_Hz)
     steps(shaping, (1.0, 0.0, 0.0))
-    shaping.ask({"surge": AxisShape(gain=3.0)})
+    shaping.ask({"surge": shapes.AxisShape(gain=3.0)})
     found = [1.0] + [shaping.step((1.0, 0.0, 0.0), np.zeros(3))[0] for _ in range(SETTLED)]
     assert np.diff(found).max() <= 2.0 / 250.0 and found[-1] == pytest.approx(3.0, abs=1e-3)
 
@@ -68,7 +68,7 @@ def test_a_slider_is_no_jolt():
 def test_a_shape_that_cannot_be_is_refused(numbers):
     """One sentence with the name and its range."""
     with pytest.raises(HexsimError, match=f"axis: {next(iter(numbers))} is .*; give a number from"):
-        AxisShape(**numbers)
+        shapes.AxisShape(**numbers)
 
 
 def data(normal=1.0, axial=0.0) -> bytes:
@@ -80,7 +80,7 @@ def data(normal=1.0, axial=0.0) -> bytes:
 class Ahead:
     """Ticks a flight without waiting, with packets every eighth tick (62.5 Hz)."""
 
-    def __init__(self, flight: Flight) -> None:
+    def __init__(self, flight: web.Flight) -> None:
         self.flight = flight
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
@@ -95,7 +95,11 @@ class Ahead:
 @pytest.fixture(scope="module")
 def ahead():
     """A hexapod that X-Plane flies, ticked by hand, in normal."""
-    flight = Flight(load_machine("micro_motion_system"), Vehicle(decode=PROTOCOLS["xplane"], name="xplane"), port=0)
+    flight = web.Flight(
+        load_machine("micro_motion_system"),
+        vehicle_link.Vehicle(decode=protocols.PROTOCOLS["xplane"], name="xplane"),
+        port=0,
+    )
     driven = Ahead(flight)
     with contextlib.closing(driven.socket), contextlib.closing(flight.link):
         driven.fly(2.0)
@@ -109,7 +113,7 @@ def bumpy(time_s: float) -> bytes:
 
 def size(rows: np.ndarray, axis: str, seconds: float) -> float:
     """rms of an axis over the last seconds."""
-    return float(np.sqrt(np.mean(rows[-round(seconds / 0.02) :, AXES.index(axis)] ** 2)))
+    return float(np.sqrt(np.mean(rows[-round(seconds / 0.02) :, shapes.AXES.index(axis)] ** 2)))
 
 
 def test_felt_follows_what_is_asked_and_the_gain_scales_both(ahead):
@@ -123,12 +127,12 @@ def test_felt_follows_what_is_asked_and_the_gain_scales_both(ahead):
     high_pass = abs((2j * math.pi) ** 3 / ((2j * math.pi + 4.0) ** 2 * (2j * math.pi + 0.3)))  # 1 Hz, the washout's
     assert 0.6 < felt / (high_pass * asked) < 1.05
     assert shown.state == "normal" and shown.packets.endswith("packets, all understood")
-    ahead.flight.ask({"heave": AxisShape(gain=0.5)})
+    ahead.flight.ask({"heave": shapes.AxisShape(gain=0.5)})
     ahead.fly(6.0, bumpy)
     halved = ahead.flight.shown()
     assert size(halved.asked, "heave", 2.0) == pytest.approx(0.5 * asked, rel=0.02)
     assert 0.2 * felt < size(halved.felt, "heave", 2.0) < 0.6 * felt
-    ahead.flight.ask({"heave": AxisShape()})
+    ahead.flight.ask({"heave": shapes.AxisShape()})
 
 
 @pytest.mark.slow
@@ -139,7 +143,7 @@ def test_after_a_pause_it_goes_on(ahead):
     ahead.fly(3.0, None)
     waiting = ahead.flight.shown()
     assert "waits for them" in waiting.packets and waiting.state == "normal"
-    assert size(waiting.asked, "heave", 3.0 - SILENT_S - FADE_S - 0.1) == 0.0
+    assert size(waiting.asked, "heave", 3.0 - vehicle_link.SILENT_S - vehicle_link.FADE_S - 0.1) == 0.0
     ahead.fly(3.0, bumpy)
     again = ahead.flight.shown()
     assert size(again.asked, "heave", 1.0) > 0.2 and "waits" not in again.packets
@@ -157,15 +161,19 @@ def test_what_is_not_understood_is_said_in_words(ahead):
 def test_a_machine_without_platform_is_refused():
     """A bench has one leg: one sentence."""
     with pytest.raises(HexsimError, match="machine bench has no platform"):
-        Flight(load_machine("bench"), Vehicle(decode=PROTOCOLS["xplane"]), port=0)
+        web.Flight(load_machine("bench"), vehicle_link.Vehicle(decode=protocols.PROTOCOLS["xplane"]), port=0)
 
 
 @pytest.mark.slow
 def test_the_page_shows_the_flight_and_its_sliders_act():
     """In a browser: packets and state in words, digits of what is flown; a slider at its end takes the axis out. Nothing is
     asked of another computer."""
-    flight = Flight(load_machine("micro_motion_system"), Vehicle(decode=PROTOCOLS["xplane"], name="xplane"), port=0)
-    page = FlightPage(flight, "micro_motion_system", "hexsim serve --from xplane", port=8795)
+    flight = web.Flight(
+        load_machine("micro_motion_system"),
+        vehicle_link.Vehicle(decode=protocols.PROTOCOLS["xplane"], name="xplane"),
+        port=0,
+    )
+    page = web.FlightPage(flight, "micro_motion_system", "hexsim serve --from xplane", port=8795)
     running, done = threading.Thread(target=page.run), threading.Event()
 
     def send() -> None:
@@ -176,11 +184,11 @@ def test_the_page_shows_the_flight_and_its_sliders_act():
     sending = threading.Thread(target=send)
     running.start(), sending.start()
     try:
-        with opened(page.address) as shown:
+        with browser.opened(page.address) as shown:
             shown.wait_for_function("() => Number(document.querySelector('#hexsim-flown')?.innerText) > 1.0")
             assert "all understood" in shown.locator("#hexsim-packets").inner_text()
             shown.wait_for_function("() => document.querySelector('#hexsim-state').innerText.includes('normal')")
-            move_slider(shown, "Gain heave", -20)  # from 1 to 0
+            browser.move_slider(shown, "Gain heave", -20)  # from 1 to 0
             shown.wait_for_function("() => Number(document.querySelector('#hexsim-felt').innerText) < 0.05")
             assert {address.split("/")[2].split(":")[0] for address in shown.asked_for if "://" in address} == {
                 "127.0.0.1"

@@ -19,12 +19,10 @@ import msgspec
 import viser
 import websockets
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario, web
 from hexsim.machine import load_machine
-from hexsim.scenarios import load_scenario
-from hexsim.web import Page, Session
-from hexsim.web.gate import LARGEST_MESSAGE, MOST_REFUSED, open_server, takes
-from hexsim.web.knobs import knobs
+from hexsim.web import gate as page_gate
+from hexsim.web import knobs as sliders
 
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [3.0, 0.0, 1.0], "image_height": 600,
@@ -36,7 +34,7 @@ PATIENCE_S = 20.0
 @pytest.fixture(scope="module")
 def page():
     """A bench on its page, which serves and does not simulate."""
-    served = Page(Session(load_machine("bench"), load_scenario("heave")), "bench", "heave", port=8870)
+    served = web.Page(web.Session(load_machine("bench"), load_scenario("heave")), "bench", "heave", port=8870)
     yield served
     served.server.stop()
 
@@ -53,7 +51,7 @@ def get(address: str, **headers: str) -> int:
 
 
 @contextlib.asynccontextmanager
-async def connected(page: Page, path: str | None = None, origin: str | None = "", **headers: str):
+async def connected(page: web.Page, path: str | None = None, origin: str | None = "", **headers: str):
     """A websocket as the browser opens it, with another path, Origin or Host where they are given."""
     host = f"127.0.0.1:{page.server.get_port()}"
     where = f"ws://{host}/{page.gate.token}" if path is None else f"ws://{host}{path}"
@@ -68,7 +66,7 @@ async def connected(page: Page, path: str | None = None, origin: str | None = ""
         yield made
 
 
-async def say(page: Page, *messages: object) -> None:
+async def say(page: web.Page, *messages: object) -> None:
     """Camera first, as any browser; then the messages, packed unless they are bytes or text; until all were looked at."""
     async with connected(page) as made:
         await made.send(msgspec.msgpack.encode(CAMERA))
@@ -79,7 +77,7 @@ async def say(page: Page, *messages: object) -> None:
         await asyncio.sleep(0.3)
 
 
-def change(page: Page, name: str, **updates: object) -> dict:
+def change(page: web.Page, name: str, **updates: object) -> dict:
     """The message of a browser in which a widget is moved."""
     uuid = next(u for u, handle in page.gate.widgets.items() if handle is page.handles[name])
     return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
@@ -87,7 +85,7 @@ def change(page: Page, name: str, **updates: object) -> dict:
 
 def test_the_address_is_on_loopback_with_a_token_that_is_new_each_time(page):
     """22 letters or more of chance, other ones for another page."""
-    other, gate = open_server("other", 8871)
+    other, gate = page_gate.open_server("other", 8871)
     other.stop()
     assert page.address == f"http://127.0.0.1:{page.server.get_port()}/{page.gate.token}"
     assert len(page.gate.token) >= 22 and gate.token != page.gate.token
@@ -113,7 +111,7 @@ def test_without_the_token_there_is_nothing(page, where):
         asyncio.run(open_and_close(page, path=path))
 
 
-async def open_and_close(page: Page, **how: str | None) -> None:
+async def open_and_close(page: web.Page, **how: str | None) -> None:
     async with connected(page, **how):
         pass
 
@@ -135,7 +133,7 @@ def test_another_name_for_this_computer_is_refused(page, host):
     assert get(page.address, Host=name) == get(page.address, Host=name, Origin=f"http://{name}") == 403
 
 
-def bad_values(page: Page, name: str) -> list[object]:
+def bad_values(page: web.Page, name: str) -> list[object]:
     handle = page.handles[name]
     odd: list[object] = [
         None,
@@ -178,8 +176,8 @@ def test_every_widget_holds_to_its_own_limits(page, capfd):
             {**change(page, name, value=1.0), "updates": 5},
             {**change(page, name), "uuid": 3},
         ]
-    for first in range(0, len(bad), MOST_REFUSED - 1):
-        asyncio.run(say(page, *bad[first : first + MOST_REFUSED - 1]))
+    for first in range(0, len(bad), page_gate.MOST_REFUSED - 1):
+        asyncio.run(say(page, *bad[first : first + page_gate.MOST_REFUSED - 1]))
     assert page.gate.refusals.total() == count + len(bad)
     assert {name: (handle.value, handle.visible, handle.label) for name, handle in handles.items()} == before
     assert {name: (handle.min, handle.max) for name, handle in handles.items() if hasattr(handle, "min")} == limits
@@ -190,7 +188,7 @@ def test_every_widget_holds_to_its_own_limits(page, capfd):
 
 def test_what_a_widget_takes_reaches_the_machine(page):
     """The ends of a slider, an option of the list: asked of the machine as they are."""
-    knob = next(knob for knob in knobs(page.session.declared) if knob.name == "overlap")
+    knob = next(knob for knob in sliders.knobs(page.session.declared) if knob.name == "overlap")
     for value in (knob.high, knob.low):
         asyncio.run(say(page, change(page, "overlap", value=value)))
         wait_until(lambda value=value: page.session.asked.knobs.get("overlap") == value)
@@ -239,7 +237,7 @@ def test_malformed_data_is_no_traceback_and_no_end(page, capfd, caplog):
         asyncio.run(
             say(page, "text", b"", b"\xc1", deep, *noise, *({"type": kind, "x": 1} for kind in kinds), *cameras)
         )
-        asyncio.run(say(page, b"x" * (LARGEST_MESSAGE + 1)))
+        asyncio.run(say(page, b"x" * (page_gate.LARGEST_MESSAGE + 1)))
         for data in (b"\x00\xff" * 50, b"GET\r\n\r\n", b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n"):
             with socket.create_connection(("127.0.0.1", page.server.get_port()), timeout=PATIENCE_S) as made:
                 made.sendall(data)
@@ -255,7 +253,7 @@ def test_who_goes_on_with_nonsense_is_put_out(page):
 
     async def flood() -> None:
         async with connected(page) as made:
-            for _ in range(MOST_REFUSED + 2):
+            for _ in range(page_gate.MOST_REFUSED + 2):
                 await made.send(b"\xc1")
             await asyncio.wait_for(made.wait_closed(), PATIENCE_S)
             assert made.close_code == 1008
@@ -284,7 +282,7 @@ def test_a_message_of_any_bytes_has_an_answer(page):
             reason = page.gate.against_message(hostile)
             assert isinstance(reason, str)
             if not reason and (decoded := msgspec.msgpack.decode(hostile))["type"] == "GuiUpdateMessage":
-                assert takes(page.gate.widgets[decoded["uuid"]], decoded["updates"]["value"])
+                assert page_gate.takes(page.gate.widgets[decoded["uuid"]], decoded["updates"]["value"])
 
     claim()
     assert all(page.gate.against_message(message) == "" for message in good[:1] + good[-1:])
@@ -293,10 +291,10 @@ def test_a_message_of_any_bytes_has_an_answer(page):
 def test_a_slider_that_is_off_takes_nothing(page):
     """The amplitude where the motion is no sine."""
     slider = page.handles["amplitude"]
-    assert takes(slider, slider.max)
+    assert page_gate.takes(slider, slider.max)
     slider.disabled = True
     try:
-        assert not takes(slider, slider.max)
+        assert not page_gate.takes(slider, slider.max)
     finally:
         slider.disabled = False
 
@@ -310,4 +308,4 @@ def test_without_the_gate_there_is_no_page(monkeypatch):
 
     monkeypatch.setattr("hexsim.web.gate._behind", beside)
     with pytest.raises(HexsimError, match="cannot be put behind hexsim's gate"):
-        open_server("x", 8890)
+        page_gate.open_server("x", 8890)

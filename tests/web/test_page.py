@@ -5,15 +5,14 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from hexsim.errors import HexsimError
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
-from hexsim.web import Page, Session
-from hexsim.web.browser import move_slider, opened, wait_for_figures
+from hexsim import web
+from hexsim.web import browser
 
 MOTION = load_scenario("heave", frequency_Hz=1.0)
 NOISE = 0.02  # seeds of the sensors' noise and 2 periods for 8: the peaks of bench and hexapod differ by up to 0.6 %
@@ -33,11 +32,11 @@ def peaks():
 @pytest.fixture
 def page(peaks):
     """A bench on its page, in a browser without a window; skipped where there is no browser."""
-    served = Page(Session(load_machine("bench"), MOTION), "bench", "heave", port=8765)
+    served = web.Page(web.Session(load_machine("bench"), MOTION), "bench", "heave", port=8765)
     running = threading.Thread(target=served.run)
     running.start()
     try:
-        with opened(served.address) as shown:
+        with browser.opened(served.address) as shown:
             yield shown
     except HexsimError as error:
         pytest.skip(f"the page cannot be opened: {error}")
@@ -51,8 +50,8 @@ def test_a_slider_changes_the_peak_to_what_a_run_says_and_nothing_leaves_the_com
     machines, the command line on the page is that run's, and everything that the browser asks for is on loopback."""
     declared, wide = peaks
     assert wide > 1.1 * declared  # far beyond the noise
-    assert wait_for_figures(page) == pytest.approx(declared, rel=NOISE)
-    move_slider(page, "Overlap [µm]", 15)
-    assert wait_for_figures(page, "--set valve.overlap_m=2e-05") == pytest.approx(wide, rel=NOISE)
+    assert browser.wait_for_figures(page) == pytest.approx(declared, rel=NOISE)
+    browser.move_slider(page, "Overlap [µm]", 15)
+    assert browser.wait_for_figures(page, "--set valve.overlap_m=2e-05") == pytest.approx(wide, rel=NOISE)
     hosts = {urlsplit(address.removeprefix("blob:")).hostname for address in page.asked_for}
     assert hosts == {"127.0.0.1"}

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import hexsim as hx
+from hexsim import load_scenario
 from hexsim.cli import app, options
-from hexsim.machine import available_machines, load_machine
-from hexsim.scenarios import load_scenario
+from hexsim.machine import load_machine
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
-from hexsim.web import Session
-from hexsim.web.knobs import knobs, machine_with, waves
-from hexsim.web.session import Asked
+from hexsim import web
+from hexsim.web import knobs as sliders
 
 PATIENCE_S = 60.0  # of a test on a computer that is busy
 
@@ -29,33 +29,33 @@ def wait_until(condition):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("name", available_machines())
+@pytest.mark.parametrize("name", hx.available()["machines"])
 def test_the_command_on_the_page_is_the_machine_of_its_sliders(name):
     """Every slider of every machine at its far end: `hexsim run` with the command line that the page shows gets the machine
     and the motion that run on the page."""
     machine, scenario = load_machine(name), load_scenario("heave")
-    session = Session(machine, scenario)
-    far = {knob.name: knob.high for knob in knobs(machine)}
-    asked = Asked(knobs=far, motion="heave", amplitude=30.0, frequency_Hz=0.4)
+    session = web.Session(machine, scenario)
+    far = {knob.name: knob.high for knob in sliders.knobs(machine)}
+    asked = web.Asked(knobs=far, motion="heave", amplitude=30.0, frequency_Hz=0.4)
     words = shlex.split(session.command(asked, name, "heave"))
     assert words[:5] == ["hexsim", "run", "heave", "--machine", name]
     given = [word for flag, word in zip(words, words[1:], strict=False) if flag == "--set"]
     motion = options.Motion(machine=name, amplitude=float(words[6]), frequency=float(words[8]))
     built, what = options.prepare("heave", motion, given)
-    assert built == machine_with(machine, far) != machine
+    assert built == sliders.machine_with(machine, far) != machine
     assert what == session.motion_of(asked)
 
 
 def test_what_cannot_be_is_refused_and_the_machine_stays():
     """A load that the supply cannot hold: one sentence, the machine as before; a load that it can: the machine has it."""
-    session = Session(load_machine("bench"), load_scenario("heave"))
+    session = web.Session(load_machine("bench"), load_scenario("heave"))
     session.start()
     try:
-        session.ask(Asked(knobs={"load": 1e5}, motion="heave", amplitude=50.0, frequency_Hz=0.5))
+        session.ask(web.Asked(knobs={"load": 1e5}, motion="heave", amplitude=50.0, frequency_Hz=0.5))
         wait_until(lambda: session.shown().error)
         assert "outside" in session.shown().error and session.live.machine == session.declared
         assert session.shown().asked.knobs == {}
-        session.ask(Asked(knobs={"load": 60.0}, motion="heave", amplitude=50.0, frequency_Hz=0.5))
+        session.ask(web.Asked(knobs={"load": 60.0}, motion="heave", amplitude=50.0, frequency_Hz=0.5))
         wait_until(lambda: session.live.machine.load.moving_mass_kg == 60.0)
         assert session.shown().error == ""
     finally:
@@ -65,9 +65,9 @@ def test_what_cannot_be_is_refused_and_the_machine_stays():
 def test_the_motions_are_sines_of_axes_that_the_machine_has():
     """Six for a hexapod, heave for a bench; each within the strokes at the largest amplitude of its slider."""
     hexapod = load_machine("micro_motion_system")
-    assert sorted(waves(hexapod)) == ["heave", "pitch", "roll", "surge", "sway", "yaw"]
-    assert list(waves(load_machine("bench"))) == ["heave"]
-    for wave in waves(hexapod).values():
+    assert sorted(sliders.waves(hexapod)) == ["heave", "pitch", "roll", "surge", "sway", "yaw"]
+    assert list(sliders.waves(load_machine("bench"))) == ["heave"]
+    for wave in sliders.waves(hexapod).values():
         motion = replace(wave, amplitude=wave.largest_amplitude(hexapod)).built()
         ends = motion.evaluate(motion.duration_s + np.array([0.25, 0.75]) * motion.period_s)[0]
         reached = hexapod.mechanics.piston_positions(ends)
