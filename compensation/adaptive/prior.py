@@ -149,7 +149,7 @@ def fill_prior(fit, settings, hold_N):
     bristle = 3.5e7 * force / 8800.0
     one(fit, LN_BRISTLE, log(bristle), 1.5, log(0.015 * bristle), log(10.0 * bristle))
     one(fit, PRESSURE_LAG, 4e-4, 1e-3, 0.0, 0.01)
-    one(fit, POSITION_LAG, 5e-4, 1.5e-3, 0.0, 0.01)
+    one(fit, POSITION_LAG, 2e-4, 7e-4, 0.0, 0.01)
     for k in range(N_NUMBERS):
         fit.scale[k] = fit.sd[k]
     for k in range(N_STATE):
