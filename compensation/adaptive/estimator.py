@@ -3,7 +3,8 @@
 Windows begin in motion, for near standstill a start state has local minima; each one that holds a reversal is taken, and every
 second of the others. The fit begins with the noise thirty times as large as it is, so that the prior leads, and sharpens in stages;
 at the last it goes on for as long as the machine moves, with the last `WINDOWS` windows. What an older one says of the numbers is kept
-as a quadratic beside the prior (`_end_fold`), in the linearisation at the numbers of that time; it fades within `MEMORY_S`.
+as a quadratic beside the prior (`_end_fold`) and fades within `MEMORY_S`. The last `KEPT` of them are looked at again in turn, so that
+their quadratics are about the numbers of now.
 """
 
 from __future__ import annotations
@@ -449,8 +450,9 @@ def _work_tick(s):
         + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
     )
     read_tick(
-        fit.x, fit.S, k, fit.late, fit.late_S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
-        fit.noise[0] * heat, fit.noise[1] * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
+        fit.x, fit.S, k, fit.late, fit.late_S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k],
+        window.bottom_Pa[k], window.top_Pa[k], fit.noise[0] * heat, fit.noise[1] * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b,
+        trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:

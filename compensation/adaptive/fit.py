@@ -65,7 +65,8 @@ def behind_backlash(volts, half, out, by_half):
 
 @compiled
 def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
-    """State and derivatives at a window's first tick. start: (y as it is read, v, P1, P2); arriving: volts (LEAD + WINDOW,) behind the backlash."""
+    """State and derivatives at a window's first tick. start: (y as it is read, v, P1, P2); arriving: volts (LEAD + WINDOW,) behind the
+    backlash."""
     S[:, :] = 0.0
     warm_spool(x, S, th, sheet, arriving, by_half, LEAD - WARM, LEAD, d_now, d_before)
     x[Y], x[V], x[P1], x[P2] = start[0] + th[POSITION_LAG] * start[1], start[1], start[2], start[3]

@@ -180,7 +180,9 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
             for share in SHARES:
                 for a in range(AHEAD):
                     U2[a] = min(max(U[a] - share * step[a], -limit_V), limit_V)
-                c2 = window_cost(x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2)
+                c2 = window_cost(
+                    x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2
+                )
                 if c2 < cost:
                     better = True
                     break

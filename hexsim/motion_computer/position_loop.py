@@ -87,7 +87,7 @@ class PositionLoop:
         if isinstance(one, Guarded) and len(self.compensators) > 1 and all(other is one for other in self.compensators):
             self._together = one.together(self.states)
         self._first_s: list[float | None] = [None] * len(self.compensators)
-        self._silent = True  # whether there is a leg that has added nothing yet
+        self._silent = True  # whether there is a leg that has not engaged yet
 
     @property
     def feels_load(self) -> bool:
@@ -173,7 +173,7 @@ class PositionLoop:
         self._added += added != 0.0
         if self._silent and added.any():
             for i in np.flatnonzero(added):
-                if self._first_s[i] is None:
+                if self._first_s[i] is None and not self.compensators[i].not_engaged(self.states[i]):
                     self._first_s[i] = legs.time_s
             self._silent = None in self._first_s
         if may_speak:
@@ -215,7 +215,7 @@ class PositionLoop:
 
     def engagement(self) -> list[dict[str, Any]]:
         """Of each leg that has a compensator: whether it is engaged, since when first [s], for which share of the ticks it has added
-        volts, and if it is not, which criterion keeps it out."""
+        volts (those of a probe too), and if it is not, which criterion keeps it out."""
         found = []
         for i, (made, state) in enumerate(zip(self.compensators, self.states, strict=True)):
             first, reason = self._first_s[i], made.not_engaged(state)
