@@ -60,10 +60,10 @@ MOST_STEPS = 8  # passes of a stage
 LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
-KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
+KNOWN_LEG = 4.0  # misfit from which the leg is not one that the model knows: residuals twice the noise. Below, doubt grows with it
 CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the noise throughout
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
-NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half way to KNOWN_LEG
+NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside the noise as noise
 # Other minima of a leg that the model does not know, in turn, about what was believed before: spool, damping, backlash, in standard
 # deviations
 ELSEWHERE = ((1.5, -1.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.5), (1.0, 1.0, -1.0))
@@ -685,8 +685,8 @@ def _end_try(s):
 
 @compiled
 def _settle(s):
-    """The last stage is over. Where the leg is not yet one that the model knows, the fit may sit in a local minimum: while no volts are
-    in, it is tried again from another spool and backlash, and the lower misfit stays."""
+    """The last stage is over. Where it has converged and the leg is not one that the model knows, the fit may sit in a local minimum:
+    while no volts are in, it is tried again from another spool and backlash, and the lower misfit stays."""
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
@@ -706,7 +706,7 @@ def _settle(s):
         return
     if fit.seen > fit.tries_seen + WINDOWS:
         fit.tries, fit.tries_seen = 0, fit.seen
-    if s.share == 0.0 and fit.count == WINDOWS and fit.tries < len(ELSEWHERE):
+    if fit.converged and s.share == 0.0 and fit.count == WINDOWS and fit.tries < len(ELSEWHERE):
         fit.settled = 0
         _begin_try(s)
 
@@ -719,10 +719,10 @@ def _end_pass(s):
     fit.running = 0
     trial.cost += add_prior(fit, trial.numbers, trial.H, trial.g)
     fit.step += 1
-    done, fresh = fit.step >= MOST_STEPS, not fit.has_best
+    fresh, fit.converged = not fit.has_best, 0
     if not fit.has_best or trial.cost < fit.best.cost:
-        if fit.has_best:
-            done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
+        if fit.has_best and fit.best.cost - trial.cost < 3e-4 * trial.cost:
+            fit.converged = 1
         fit.best = trial
         fit.has_best = 1
         fit.damping = 0.2 * fit.damping
@@ -737,8 +737,9 @@ def _end_pass(s):
                 _keep_known(s)
     else:
         fit.damping = max(8.0 * fit.damping, 1e-3)
-        done = done or fit.damping > 1e3
-    if done:
+        if fit.damping > 1e3:
+            fit.converged = 1
+    if fit.converged or fit.step >= MOST_STEPS:
         _end_stage(s)
 
 
@@ -792,6 +793,7 @@ def work(s):
                     fit.damping = max(8.0 * fit.damping, 1e-3)
                     return
                 if fit.step > 1 and fit.gain < LEAST_GAIN:
+                    fit.converged = 1
                     _end_stage(s)
                     continue
                 _start_pass(s, fit.proposed, False)
