@@ -36,6 +36,7 @@ from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, SPEED_MEMORY_S, USUAL_SPOOL_H
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
 FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a dead sensor
+FINE = 1.1  # noises in a count: up to there a reading at rest repeats FROZEN_TICKS times in 0.02 % (erf(1.1/8^0.5)^10)
 FROZEN_TRAVEL_M = (
     1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
 )
@@ -65,8 +66,8 @@ SENTENCES = {
 # the algorithm is stepped; is not; is to be started with its parameters; with nothing learned
 ACTS, FALLS_BACK, RESTARTS, BEGINS_ANEW = 0, 1, 2, 3
 
-# The last reading of a transducer, for how many ticks it has repeated, and the setpoint when it came.
-READING = np.dtype((np.record, [("value", "f8"), ("repeated", "i8"), ("setpoint_m", "f8")]))
+# The last reading of a transducer, for how many ticks it has repeated, the setpoint when it came, and its count: the smallest step seen.
+READING = np.dtype((np.record, [("value", "f8"), ("repeated", "i8"), ("setpoint_m", "f8"), ("count", "f8")]))
 GUARD = np.dtype(
     (
         np.record,
@@ -75,8 +76,10 @@ GUARD = np.dtype(
             ("voltage_max_V", "f8"),
             ("position", READING),
             ("pressure", READING),
-            ("position_travel_m", "f8"),
-            ("pressure_travel_m", "f8"),  # of the setpoint, from which a reading is frozen
+            ("position_noise_m", "f8"),
+            ("pressure_noise_Pa", "f8"),
+            ("position_travel_m", "f8"),  # of the setpoint, from which a coarse reading is frozen
+            ("pressure_travel_m", "f8"),
             ("edges_V", "f8"),
             ("volts_per_m_s", "f8"),
             ("lead_gain", "f8"),
@@ -138,10 +141,12 @@ def start_guard(guard, sheet):
     guard.lead_gain = lead_gain(frequency_Hz, sheet.spool_damping)
     set_spool_model(guard.spool, sheet.spool_damping / (math.pi * frequency_Hz), sheet.tick_s, sheet.spool_damping)
     standstill_m = FROZEN_MARGIN * 2.0 * sheet.edge_V / sheet.position_gain_V_per_m + 2.0 * sheet.position_resolution_m
-    fine = sheet.position_noise_m >= sheet.position_resolution_m
-    guard.position_travel_m = FROZEN_TRAVEL_M + (0.0 if fine else standstill_m)
-    fine = sheet.pressure_noise_Pa >= sheet.pressure_resolution_Pa
-    guard.pressure_travel_m = FROZEN_TRAVEL_M if fine else FROZEN_STROKE * sheet.stroke_m
+    guard.position_travel_m = FROZEN_TRAVEL_M + standstill_m
+    guard.pressure_travel_m = FROZEN_STROKE * sheet.stroke_m
+    guard.position_noise_m, guard.pressure_noise_Pa = sheet.position_noise_m, sheet.pressure_noise_Pa
+    guard.position.count = guard.pressure.count = guard.top_pressure.count = (
+        1e300  # coarse, until it is seen to be fine
+    )
 
 
 @compiled
@@ -237,12 +242,16 @@ def accept(guard, added_V, forward_V, finite):
 
 
 @compiled
-def _frozen(reading, value, setpoint_m, travel_m):
-    """Takes the reading of this tick; whether it stands still although the setpoint moves."""
+def _frozen(reading, value, setpoint_m, noise, coarse_m):
+    """Takes the reading of this tick; whether it stands still although the setpoint moves: by FROZEN_TRAVEL_M where the noise moves its
+    last count, by `coarse_m` where it does not, whatever is declared: there it stands still with the piston, in a dead band."""
     if value != reading.value:
+        if abs(value - reading.value) < reading.count:
+            reading.count = abs(value - reading.value)
         reading.value, reading.repeated, reading.setpoint_m = value, 0, setpoint_m
         return False
     reading.repeated += 1
+    travel_m = FROZEN_TRAVEL_M if reading.count < FINE * noise else coarse_m
     return reading.repeated >= FROZEN_TICKS and abs(setpoint_m - reading.setpoint_m) > travel_m
 
 
@@ -252,11 +261,13 @@ def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
     total = position_m + bottom_Pa + top_Pa + supply_Pa + control_V + valve_V + setpoint_m
     if total - total != 0.0:
         return LOST
-    if _frozen(guard.position, position_m, setpoint_m, guard.position_travel_m):
+    if _frozen(guard.position, position_m, setpoint_m, guard.position_noise_m, guard.position_travel_m):
         return POSITION_FROZEN
-    if _frozen(guard.pressure, bottom_Pa, setpoint_m, guard.pressure_travel_m):
+    if _frozen(guard.pressure, bottom_Pa, setpoint_m, guard.pressure_noise_Pa, guard.pressure_travel_m):
         return PRESSURE_FROZEN
-    if top_Pa != 0.0 and _frozen(guard.top_pressure, top_Pa, setpoint_m, guard.pressure_travel_m):
+    if top_Pa != 0.0 and _frozen(
+        guard.top_pressure, top_Pa, setpoint_m, guard.pressure_noise_Pa, guard.pressure_travel_m
+    ):
         return PRESSURE_FROZEN
     if abs(valve_V) < SATURATED_SHARE * guard.voltage_max_V:
         guard.saturated_ticks = 0

@@ -3,7 +3,8 @@
 Windows begin in motion, for near standstill a start state has local minima; each one that holds a reversal is taken, and every
 second of the others. The fit begins with the noise thirty times as large as it is, so that the prior leads, and sharpens in stages;
 at the last it goes on for as long as the machine moves, with the last `WINDOWS` windows. What an older one says of the numbers is kept
-as a quadratic beside the prior (`_end_fold`), in the linearisation at the numbers of that time; it fades within `MEMORY_S`.
+as a quadratic beside the prior (`_end_fold`) and fades within `MEMORY_S`. The last `KEPT` of them are looked at again in turn, so that
+their quadratics are about the numbers of now.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from .fit import (
     tick_window,
     variances,
 )  # fmt: skip
-from .layout import HISTORY, WAITING, WINDOWS
+from .layout import HISTORY, KEPT, OLDER, WAITING, WINDOWS
 from .leg import (
     COULOMB_DN,
     COULOMB_UP,
@@ -52,24 +53,23 @@ from .leg import (
     V,
     Z,
 )  # fmt: skip
-from .prior import LEGS_ALIKE, add_prior, fill_prior, folded_cost
+from .prior import LEGS_ALIKE, add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
 LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
-KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
+KNOWN_LEG = 4.0  # misfit from which the leg is not one that the model knows: residuals twice the noise. Below, doubt grows with it
 CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the noise throughout
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
-NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half way to KNOWN_LEG
+NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside the noise as noise
 # Other minima of a leg that the model does not know, in turn, about what was believed before: spool, damping, backlash, in standard
 # deviations
 ELSEWHERE = ((1.5, -1.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.5), (1.0, 1.0, -1.0))
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
+LOOKS = 3  # at older windows, between two fits: a third of a pass
 WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
-# chi2 of as many numbers, four standard deviations: older windows that cost more now contradict the new ones
-MOST_FOLDED_COST = N_NUMBERS + 4.0 * (2.0 * N_NUMBERS) ** 0.5
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
@@ -167,7 +167,7 @@ def collect(s):
     past.begin, past.odd = at + WINDOW, 1 - past.odd
     if not (slowest < limit or past.odd) or s.fit.waiting >= WAITING:
         return False
-    window = s.windows[WINDOWS + s.fit.waiting]
+    window = s.windows[OLDER + 1 + s.fit.waiting]
     s.fit.waiting += 1
     mean = 0.0
     for j in range(WINDOW):
@@ -206,7 +206,7 @@ def _take_waiting(s):
     """Windows that waited for the end of a pass come in; the oldest go."""
     fit = s.fit
     for n in range(fit.waiting):
-        s.windows[fit.seen % WINDOWS] = s.windows[WINDOWS + n]
+        s.windows[fit.seen % WINDOWS] = s.windows[OLDER + 1 + n]
         fit.seen += 1
         fit.count = min(fit.count + 1, WINDOWS)
     taken = fit.waiting > 0
@@ -233,28 +233,89 @@ def _begin_fold(s):
 
 
 @compiled
+def _begin_look(s):
+    """A pass over an older window at the settled numbers: what it said was in the linearisation at those of that time. In turn, LOOKS of
+    them between two fits. Returns whether there is one."""
+    fit, window = s.fit, s.windows[OLDER]
+    if not fit.settled or not fit.has_best or not is_known_leg(fit.chi2) or fit.looked >= min(LOOKS, fit.kept):
+        return False
+    fit.looked += 1
+    fit.again = (fit.again + 1) % min(fit.kept, KEPT)
+    kept = s.older[fit.again]
+    window.position_m[:], window.bottom_Pa[:], window.top_Pa[:] = kept.position_m, kept.bottom_Pa, kept.top_Pa
+    window.supply_Pa[:], window.load_N[:], window.volts[:] = kept.supply_Pa, kept.load_N, kept.volts
+    window.measured[:], window.doubt_N[:] = kept.measured, kept.doubt_N
+    _start_pass(s, fit.best.numbers, False)
+    fit.trial.start[OLDER] = kept.start
+    fit.at_window, fit.folding = OLDER, 1
+    return True
+
+
+@compiled
+def _keep_window(s, n):
+    """A place for a window that goes, instead of the oldest one, whose quadratic stays as it is."""
+    fit, window = s.fit, s.windows[n]
+    kept = s.older[fit.kept % KEPT]
+    fit.kept += 1
+    kept.position_m[:], kept.bottom_Pa[:], kept.top_Pa[:] = window.position_m, window.bottom_Pa, window.top_Pa
+    kept.supply_Pa[:], kept.load_N[:], kept.volts[:] = window.supply_Pa, window.load_N, window.volts
+    kept.measured[:], kept.doubt_N[:], kept.first = window.measured, window.doubt_N, window.first
+    fit.folded += 1
+    fade = exp(-(window.first - fit.folded_until) * s.settings.tick_s / MEMORY_S)
+    fit.folded_until = window.first
+    fit.folded_H *= fade
+    fit.folded_g *= fade
+    fit.folded_cost *= fade
+
+
+@compiled
+def _count_in(fit, kept, times):
+    """The quadratic of an older window into the sum of all, or out of it."""
+    place = 0
+    for a in range(N_NUMBERS):
+        for b in range(a + 1):
+            each = times * kept.H[place]
+            fit.folded_H[a, b] += each
+            if b < a:
+                fit.folded_H[b, a] += each
+            place += 1
+        fit.folded_g[a] += times * kept.g[a]
+    fit.folded_cost += times * kept.cost
+
+
+@compiled
 def _end_fold(s):
     """What a window says of the numbers is kept as a quadratic about the settled ones, its noise as large as its misfit; what was kept
     before fades."""
     fit, trial = s.fit, s.fit.trial
     fit.running = fit.folding = 0
     n = fit.at_window - 1
+    if n == OLDER:
+        kept = s.older[fit.again]
+    else:
+        _keep_window(s, n)
+        kept = s.older[(fit.kept - 1) % KEPT]
+    faded = exp(-(fit.folded_until - kept.first) * s.settings.tick_s / MEMORY_S)
+    if n == OLDER:
+        _count_in(fit, kept, -faded * kept.weight)
     rows = 2.0 * WINDOW if s.sheet[S_FOUR_WAY] != 0.0 else 1.0 * WINDOW
-    weight = 1.0 / max(1.0, trial.chi[n, 0] / WINDOW, trial.chi[n, 1] / rows)
-    fade = exp(-(s.windows[n].first - fit.folded_until) * s.settings.tick_s / MEMORY_S) if fit.folded else 0.0
-    fit.folded_until = s.windows[n].first
-    fit.folded += 1
+    misfit = max(1.0, trial.chi[n, 0] / WINDOW, trial.chi[n, 1] / rows)
+    kept.weight = 1.0 / misfit if misfit <= CHANGED_LEG else 0.0  # of a leg that it was before
+    for j in range(fit.starts):
+        kept.start[j] = trial.start[n, j] + trial.kb[n, j] * fit.scale[N_NUMBERS + j]
     for a in range(N_NUMBERS):
         fit.a[a] = (trial.numbers[a] - fit.mean[a]) / fit.sd[a]
-    fit.folded_cost *= fade
+    kept.cost, place = 0.0, 0
     for a in range(N_NUMBERS):
         pull = 0.0
         for b in range(N_NUMBERS):
-            H = trial.H[a, b] if b <= a else trial.H[b, a]
-            pull += H * fit.a[b]
-            fit.folded_H[a, b] = fade * fit.folded_H[a, b] + weight * H
-        fit.folded_g[a] = fade * fit.folded_g[a] + weight * (trial.g[a] + pull)
-        fit.folded_cost += weight * (2.0 * trial.g[a] + pull) * fit.a[a]
+            pull += (trial.H[a, b] if b <= a else trial.H[b, a]) * fit.a[b]
+            if b <= a:
+                kept.H[place] = trial.H[a, b]
+                place += 1
+        kept.g[a] = trial.g[a] + pull
+        kept.cost += (2.0 * trial.g[a] + pull) * fit.a[a]
+    _count_in(fit, kept, faded * kept.weight)
 
 
 @compiled
@@ -263,7 +324,7 @@ def _forget_folded(fit):
     fit.folded_H[:, :] = 0.0
     fit.folded_g[:] = 0.0
     fit.folded_cost = 0.0
-    fit.folded = 0
+    fit.folded = fit.kept = fit.again = 0
 
 
 @compiled
@@ -389,8 +450,9 @@ def _work_tick(s):
         + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
     )
     read_tick(
-        fit.x, fit.S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
-        fit.noise[0] * heat, fit.noise[1] * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
+        fit.x, fit.S, k, fit.late, fit.late_S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k],
+        window.bottom_Pa[k], window.top_Pa[k], fit.noise[0] * heat, fit.noise[1] * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b,
+        trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
@@ -593,7 +655,7 @@ def _begin_try(s):
     fit.chi2_before[:] = fit.chi2
     fit.aside_H[:, :] = fit.folded_H
     fit.aside_g[:] = fit.folded_g
-    fit.aside_cost, fit.aside = fit.folded_cost, fit.folded
+    fit.aside_cost, fit.aside, fit.aside_kept = fit.folded_cost, fit.folded, fit.kept
     _forget_folded(fit)
     fit.proposed[:] = fit.mean
     fit.proposed[LN_SPOOL] += ELSEWHERE[fit.tries][0] * fit.sd[LN_SPOOL]
@@ -618,17 +680,17 @@ def _end_try(s):
     fit.chi2[:] = fit.chi2_before
     fit.folded_H[:, :] = fit.aside_H
     fit.folded_g[:] = fit.aside_g
-    fit.folded_cost, fit.folded = fit.aside_cost, fit.aside
+    fit.folded_cost, fit.folded, fit.kept = fit.aside_cost, fit.aside, fit.aside_kept
 
 
 @compiled
 def _settle(s):
-    """The last stage is over. Where the leg is not yet one that the model knows, the fit may sit in a local minimum: while no volts are
-    in, it is tried again from another spool and backlash, and the lower misfit stays."""
+    """The last stage is over. Where it has converged and the leg is not one that the model knows, the fit may sit in a local minimum:
+    while no volts are in, it is tried again from another spool and backlash, and the lower misfit stays."""
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
-    if not is_known_leg(fit.chi2) or folded_cost(fit, fit.best.numbers) > MOST_FOLDED_COST:
+    if not is_known_leg(fit.chi2):
         _forget_folded(fit)
     fit.settled = 1
     if fit.trying:
@@ -644,7 +706,7 @@ def _settle(s):
         return
     if fit.seen > fit.tries_seen + WINDOWS:
         fit.tries, fit.tries_seen = 0, fit.seen
-    if s.share == 0.0 and fit.count == WINDOWS and fit.tries < len(ELSEWHERE):
+    if fit.converged and s.share == 0.0 and fit.count == WINDOWS and fit.tries < len(ELSEWHERE):
         fit.settled = 0
         _begin_try(s)
 
@@ -657,10 +719,10 @@ def _end_pass(s):
     fit.running = 0
     trial.cost += add_prior(fit, trial.numbers, trial.H, trial.g)
     fit.step += 1
-    done, fresh = fit.step >= MOST_STEPS, not fit.has_best
+    fresh, fit.converged = not fit.has_best, 0
     if not fit.has_best or trial.cost < fit.best.cost:
-        if fit.has_best:
-            done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
+        if fit.has_best and fit.best.cost - trial.cost < 3e-4 * trial.cost:
+            fit.converged = 1
         fit.best = trial
         fit.has_best = 1
         fit.damping = 0.2 * fit.damping
@@ -675,8 +737,9 @@ def _end_pass(s):
                 _keep_known(s)
     else:
         fit.damping = max(8.0 * fit.damping, 1e-3)
-        done = done or fit.damping > 1e3
-    if done:
+        if fit.damping > 1e3:
+            fit.converged = 1
+    if fit.converged or fit.step >= MOST_STEPS:
         _end_stage(s)
 
 
@@ -707,12 +770,12 @@ def work(s):
     for _ in range(CALM_WORK if is_calm(s) else WORK):
         if not fit.running:
             begins = fit.settled or fit.step == 0
-            folds = begins and _begin_fold(s)
+            folds = begins and (_begin_fold(s) or _begin_look(s))
             came = begins and not folds and _take_waiting(s)
             if fit.count < FEWEST:
                 return
             if came:
-                fit.settled = 0
+                fit.settled = fit.looked = 0
             if folds:
                 pass
             elif fit.passes == 0:
@@ -730,6 +793,7 @@ def work(s):
                     fit.damping = max(8.0 * fit.damping, 1e-3)
                     return
                 if fit.step > 1 and fit.gain < LEAST_GAIN:
+                    fit.converged = 1
                     _end_stage(s)
                     continue
                 _start_pass(s, fit.proposed, False)

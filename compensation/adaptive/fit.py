@@ -44,6 +44,7 @@ N_START = N_STATE + KNOTS  # a window's own: its start state, and on a platform 
 N_COLUMNS = N_NUMBERS + N_START
 MOST_RESIDUAL = 1e3  # standard deviations
 SLOPE_TICKS = 12  # of the volts, by which the side of the backlash is told at first
+LATE = 8  # ticks by which a position may be read late
 WARM = 24  # ticks that amplifier and spool move before a window begins: four lags of a spool of 25 Hz
 
 
@@ -64,12 +65,14 @@ def behind_backlash(volts, half, out, by_half):
 
 @compiled
 def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
-    """State and derivatives at a window's first tick. start: (y, v, P1, P2); arriving: volts (LEAD + WINDOW,) behind the backlash."""
+    """State and derivatives at a window's first tick. start: (y as it is read, v, P1, P2); arriving: volts (LEAD + WINDOW,) behind the
+    backlash."""
     S[:, :] = 0.0
     warm_spool(x, S, th, sheet, arriving, by_half, LEAD - WARM, LEAD, d_now, d_before)
-    x[Y], x[V], x[P1], x[P2] = start[0], start[1], start[2], start[3]
+    x[Y], x[V], x[P1], x[P2] = start[0] + th[POSITION_LAG] * start[1], start[1], start[2], start[3]
     x[M1], x[M2] = start[2], start[3]
     S[Y, N_NUMBERS] = S[V, N_NUMBERS + 1] = S[P1, N_NUMBERS + 2] = S[M1, N_NUMBERS + 2] = 1.0
+    S[Y, N_NUMBERS + 1], S[Y, POSITION_LAG] = th[POSITION_LAG], start[1]
     if sheet[S_FOUR_WAY] != 0.0:  # otherwise the supply's, whatever the start says
         S[P2, N_NUMBERS + 3] = S[M2, N_NUMBERS + 3] = 1.0
     v = x[V]
@@ -120,14 +123,22 @@ def add_row(row, r, scale, starts, A, B, C, a, b):
 
 
 @compiled
-def read_tick(x, S, th, sheet, scale, starts, y, p1, p2, sy, sp, row, A, B, C, a, b, chi):
-    """Residuals of the transducers at a tick into the normal equations; chi (2,): squared residuals of position and pressures."""
-    lag = th[POSITION_LAG]
-    r = (y - (x[Y] - lag * x[V])) / sy
+def read_tick(x, S, k, late, late_S, th, sheet, scale, starts, y, p1, p2, sy, sp, row, A, B, C, a, b, chi):
+    """Residuals of the transducers at tick k into the normal equations; chi (2,): squared residuals of position and pressures.
+
+    The position is read late: late (LATE, 2) and late_S (LATE, 2, N_COLUMNS) hold y, v and their derivatives of the last ticks, the
+    rest of a tick is straight. Before the window the motion goes on straight."""
+    place, back = k % LATE, min(int(th[POSITION_LAG] / sheet[S_TICK] + 0.5), k, LATE - 1)
+    late[place, 0], late[place, 1] = x[Y], x[V]
+    for j in range(N_NUMBERS + starts):
+        late_S[place, 0, j], late_S[place, 1, j] = S[Y, j], S[V, j]
+    place, rest = (k - back) % LATE, th[POSITION_LAG] - back * sheet[S_TICK]
+    speed = late[place, 1]
+    r = (y - (late[place, 0] - rest * speed)) / sy
     r = min(max(r, -MOST_RESIDUAL), MOST_RESIDUAL)
     for j in range(N_NUMBERS + starts):
-        row[j] = (S[Y, j] - lag * S[V, j]) / sy
-    row[POSITION_LAG] -= x[V] / sy
+        row[j] = (late_S[place, 0, j] - rest * late_S[place, 1, j]) / sy
+    row[POSITION_LAG] -= speed / sy
     chi[0] += r * r
     add_row(row, r, scale, starts, A, B, C, a, b)
     r = min(max((p1 - x[M1]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)

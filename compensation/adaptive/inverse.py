@@ -20,7 +20,8 @@ TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
 BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick
 LEAST_BLUNT_V = 2e-3
 ROUGHEST = 2.0 / 3.0  # of the half dead band, as WEIGHTS[3]: a wide one is crossed in as many ticks as a narrow one
-DAMPING = (1e-6, 1e-2, 1.0)
+DAMPING = 1e-3  # of a step, so that what moves nothing stays; and what shares of a step are tried
+SHARES = (1.0, 0.3, 0.1)
 
 
 @compiled
@@ -163,27 +164,28 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
                     )
                     total += J[3 * AHEAD + i, a] * J[3 * AHEAD + i, b]
                 H[a, b] = total
+        for a in range(AHEAD):
+            for b in range(a + 1):
+                L[a, b] = H[a, b]
+            L[a, a] *= 1.0 + DAMPING
+            total = 0.0
+            for i in range(a, AHEAD):
+                total += J[i, a] * r[i] + J[AHEAD + i, a] * r[AHEAD + i] + J[2 * AHEAD + i, a] * r[2 * AHEAD + i]
+                total += J[3 * AHEAD + i, a] * r[3 * AHEAD + i]
+            step[a] = total
         better = False
-        for k in range(3):
-            for a in range(AHEAD):
-                for b in range(a + 1):
-                    L[a, b] = H[a, b]
-                L[a, a] *= 1.0 + DAMPING[k]
-                total = 0.0
-                for i in range(a, AHEAD):
-                    total += J[i, a] * r[i] + J[AHEAD + i, a] * r[AHEAD + i] + J[2 * AHEAD + i, a] * r[2 * AHEAD + i]
-                    total += J[3 * AHEAD + i, a] * r[3 * AHEAD + i]
-                step[a] = total
-            if not cholesky(L, AHEAD):
-                continue
+        if cholesky(L, AHEAD):
             forward(L, AHEAD, step)
             backward(L, AHEAD, step)
-            for a in range(AHEAD):
-                U2[a] = min(max(U[a] - step[a], -limit_V), limit_V)
-            c2 = window_cost(x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2)
-            if c2 < cost:
-                better = True
-                break
+            for share in SHARES:
+                for a in range(AHEAD):
+                    U2[a] = min(max(U[a] - share * step[a], -limit_V), limit_V)
+                c2 = window_cost(
+                    x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2
+                )
+                if c2 < cost:
+                    better = True
+                    break
         if better:
             done = cost - c2 < 1e-3 * cost
             cost = c2

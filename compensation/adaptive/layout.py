@@ -7,12 +7,14 @@ from ..damping_design import MAX_DAMPING_TAPS, WORK
 from ..loop_feedback import LOOP
 from ..prediction import PREDICTION
 from ..records import record
-from .fit import KNOTS, LEAD, N_COLUMNS, N_START, WINDOW
+from .fit import KNOTS, LATE, LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_STATES
 
 HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and where it may begin earlier
 WINDOWS, WAITING = 10, 3  # windows that the fit sees; that wait for the end of a pass
+OLDER = WINDOWS  # place of an older window that is looked at again; those that wait come behind it
+KEPT = 48  # older windows that are looked at again: some 15 s of motion
 MOST_DELAY = 6  # whole ticks of a valve's delay
 HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
@@ -37,10 +39,15 @@ WINDOW_DATA = record(
     fitted=(i, (WINDOW, MOST_LEGS)), friction_N=(f, (WINDOW,)), first=i, tells=i,
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=(f, (KNOTS,)),
 )  # fmt: skip
+KEPT_WINDOW = record(  # what an older window needs to be looked at again, and what it said then
+    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), load_N=(f, (WINDOW,)),
+    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), doubt_N=(f, (KNOTS,)), first=i,
+    H=(f, (N_NUMBERS * (N_NUMBERS + 1) // 2,)), g=(f, (N_NUMBERS,)), cost=f, weight=f,
+)  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
-    numbers=(f, (N_NUMBERS,)), start=(f, (WINDOWS, N_START)), H=(f, (N_NUMBERS, N_NUMBERS)), g=(f, (N_NUMBERS,)),
-    KB=(f, (WINDOWS, N_START, N_NUMBERS)), kb=(f, (WINDOWS, N_START)), chi=(f, (WINDOWS, 2)), cost=f,
-    friction_N=(f, (WINDOWS, WINDOW)),
+    numbers=(f, (N_NUMBERS,)), start=(f, (WINDOWS + 1, N_START)), H=(f, (N_NUMBERS, N_NUMBERS)), g=(f, (N_NUMBERS,)),
+    KB=(f, (WINDOWS + 1, N_START, N_NUMBERS)), kb=(f, (WINDOWS + 1, N_START)), chi=(f, (WINDOWS + 1, 2)), cost=f,
+    friction_N=(f, (WINDOWS + 1, WINDOW)),
 )  # fmt: skip
 FIT = record(
     mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
@@ -48,12 +55,14 @@ FIT = record(
     best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
     at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i, gain=f, noise=(f, (2,)),
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
+    late=(f, (LATE, 2)), late_S=(f, (LATE, 2, N_COLUMNS)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
     C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (16,)), L=(f, (N_NUMBERS, N_NUMBERS)),
     proposed=(f, (N_NUMBERS,)), before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
     was_known=i, held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
     folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f, folded=i,
     aside_H=(f, (N_NUMBERS, N_NUMBERS)), aside_g=(f, (N_NUMBERS,)), aside_cost=f, aside=i, folded_until=i, folding=i, to_fold=i,
+    converged=i, kept=i, again=i, looked=i, aside_kept=i,
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
     numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i, changed=i,
@@ -65,7 +74,7 @@ INVERSE = record(
     s=(f, (N_STATES,)), steady=(f, (AHEAD,)),
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
     filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
-    whole=i,
+    whole=i, cost=f,
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
     position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
@@ -87,7 +96,7 @@ DAMPING = record(
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (MOST_LEGS,)), others=(f, (MOST_LEGS, N_NUMBERS)),
     heard=(i, (MOST_LEGS,)), alone=(f, (MOST_LEGS, N_NUMBERS)), alone_variance=(f, (MOST_LEGS, N_NUMBERS)), mean_N=(f, (MOST_LEGS,)),
-    past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
+    past=PAST, windows=(WINDOW_DATA, (WINDOWS + 1 + WAITING,)), older=(KEPT_WINDOW, (KEPT,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP, damping=DAMPING,
     asked_V=f, share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i,
     said_bump2=(f, (MOST_LEGS,)), said_doubt2=(f, (MOST_LEGS,)),

@@ -89,7 +89,7 @@ class PositionLoop:
         self.together: GuardedLegs | None = None
         if isinstance(one, Guarded) and all(other is one for other in self.compensators):
             self.together = one.together(self.states)
-        self.first_s = np.full(len(legs), np.nan)  # when each leg first added volts
+        self.first_s = np.full(len(legs), np.nan)  # when each leg first engaged
 
     @property
     def feels_load(self) -> bool:
@@ -189,9 +189,10 @@ class PositionLoop:
         self._note_status(time_s)
 
     def _note_first(self, time_s: float) -> None:
-        """When each leg has first added volts."""
+        """When each leg has first engaged: what a probe adds is not it."""
         for i in np.flatnonzero((self.compensation != 0.0) & np.isnan(self.first_s)):
-            self.first_s[i] = time_s
+            if not self.compensators[i].not_engaged(self.states[i]):
+                self.first_s[i] = time_s
 
     def _note_status(self, time_s: float) -> None:
         """Say what has changed of the compensators' status."""
@@ -225,7 +226,7 @@ class PositionLoop:
 
     def engagement(self) -> list[dict[str, Any]]:
         """Of each leg that has a compensator: whether it is engaged, since when first [s], for which share of the ticks it has added
-        volts, and if it is not, which criterion keeps it out."""
+        volts (those of a probe too), and if it is not, which criterion keeps it out."""
         found = []
         for i, (made, state) in enumerate(zip(self.compensators, self.states, strict=True)):
             reason, first = made.not_engaged(state), None if np.isnan(self.first_s[i]) else float(self.first_s[i])
