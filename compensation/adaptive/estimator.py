@@ -68,7 +68,7 @@ NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside t
 # deviations
 ELSEWHERE = ((1.5, -1.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.5), (1.0, 1.0, -1.0))
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
-LOOKS = 3  # at older windows, between two fits: a third of a pass
+LOOKS = WINDOWS  # at older windows, between two fits: as many as a pass sees, of its 4 to 8
 WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
@@ -685,8 +685,8 @@ def _end_try(s):
 
 @compiled
 def _settle(s):
-    """The last stage is over. Where it has converged and the leg is not one that the model knows, the fit may sit in a local minimum:
-    while no volts are in, it is tried again from another spool and backlash, and the lower misfit stays."""
+    """The last stage is over. Where it has gained little and the leg is not one that the model knows, the fit may sit in a local
+    minimum: while no volts are in, it is tried again from another spool and backlash, and the lower misfit stays."""
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
@@ -706,7 +706,8 @@ def _settle(s):
         return
     if fit.seen > fit.tries_seen + WINDOWS:
         fit.tries, fit.tries_seen = 0, fit.seen
-    if fit.converged and s.share == 0.0 and fit.count == WINDOWS and fit.tries < len(ELSEWHERE):
+    stays = fit.best.cost > BETTER * fit.first_cost
+    if stays and s.share == 0.0 and fit.count == WINDOWS and fit.tries < len(ELSEWHERE):
         fit.settled = 0
         _begin_try(s)
 
@@ -719,10 +720,12 @@ def _end_pass(s):
     fit.running = 0
     trial.cost += add_prior(fit, trial.numbers, trial.H, trial.g)
     fit.step += 1
-    fresh, fit.converged = not fit.has_best, 0
-    if not fit.has_best or trial.cost < fit.best.cost:
-        if fit.has_best and fit.best.cost - trial.cost < 3e-4 * trial.cost:
-            fit.converged = 1
+    done, fresh = fit.step >= MOST_STEPS, not fit.has_best
+    if fresh:
+        fit.first_cost = trial.cost
+    if fresh or trial.cost < fit.best.cost:
+        if not fresh:
+            done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
         fit.best = trial
         fit.has_best = 1
         fit.damping = 0.2 * fit.damping
@@ -737,9 +740,8 @@ def _end_pass(s):
                 _keep_known(s)
     else:
         fit.damping = max(8.0 * fit.damping, 1e-3)
-        if fit.damping > 1e3:
-            fit.converged = 1
-    if fit.converged or fit.step >= MOST_STEPS:
+        done = done or fit.damping > 1e3
+    if done:
         _end_stage(s)
 
 
@@ -793,7 +795,6 @@ def work(s):
                     fit.damping = max(8.0 * fit.damping, 1e-3)
                     return
                 if fit.step > 1 and fit.gain < LEAST_GAIN:
-                    fit.converged = 1
                     _end_stage(s)
                     continue
                 _start_pass(s, fit.proposed, False)

@@ -26,10 +26,13 @@ static void say(const Instance *c, String text) {
 
 EXPORT Instance *fmi2Instantiate(String name, int kind, String guid, String resources, const Callbacks *callbacks,
                                  Boolean visible, Boolean logging) {
-  Instance nobody = {.say = say, .name = (char *)name, .logger = callbacks ? callbacks->logger : NULL,
-                     .environment = callbacks ? callbacks->environment : NULL};
-  if (kind == 1) return new_instance(name, guid, say, nobody.logger, nobody.environment);
-  refuse(&nobody, "this FMU is for co-simulation");
+  void *logger = callbacks ? callbacks->logger : NULL, *environment = callbacks ? callbacks->environment : NULL;
+  if (kind == 1) return new_instance(name, guid, say, logger, environment);
+  Instance *nobody = calloc(1, sizeof *nobody); /* six compensators of 1.5 MB: too large for a stack */
+  if (!nobody) return NULL;
+  nobody->say = say, nobody->name = (char *)name, nobody->logger = logger, nobody->environment = environment;
+  refuse(nobody, "this FMU is for co-simulation");
+  free(nobody);
   return NULL;
 }
 EXPORT void fmi2FreeInstance(Instance *c) { free_instance(c); }
