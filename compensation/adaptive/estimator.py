@@ -64,9 +64,9 @@ KNOWN_LEG = 4.0  # misfit from which the leg is not one that the model knows: re
 CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the noise throughout
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
 NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside the noise as noise
-# Other minima of a leg that the model does not know, in turn, about what was believed before: spool, damping, backlash, in standard
-# deviations
-ELSEWHERE = ((1.5, -1.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.5), (1.0, 1.0, -1.0))
+# Other minima of a leg that the model does not know, in turn, about what was found: bristle, spool, damping, backlash, in the prior's
+# standard deviations
+ELSEWHERE = ((1.5, 0.0, 0.0, 0.0), (0.0, 1.5, -1.0, 0.0), (0.0, -0.7, 1.0, 0.0), (0.0, 0.0, 0.0, 1.5))
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
 LOOKS = WINDOWS  # at older windows, between two fits: as many as a pass sees, of its 4 to 8
 WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
@@ -648,8 +648,8 @@ def _begin_again(s, numbers):
 
 @compiled
 def _begin_try(s):
-    """The fit begins near another minimum, from what was believed before. What older windows said is set aside: it was said in the
-    linearisation at this minimum."""
+    """The fit begins near another minimum, beside what was found, with the noise large again. What older windows said is set aside: it
+    was said in the linearisation at this minimum."""
     fit = s.fit
     fit.before[:] = fit.best.numbers
     fit.chi2_before[:] = fit.chi2
@@ -657,11 +657,12 @@ def _begin_try(s):
     fit.aside_g[:] = fit.folded_g
     fit.aside_cost, fit.aside, fit.aside_kept = fit.folded_cost, fit.folded, fit.kept
     _forget_folded(fit)
-    fit.proposed[:] = fit.mean
-    fit.proposed[LN_SPOOL] += ELSEWHERE[fit.tries][0] * fit.sd[LN_SPOOL]
-    fit.proposed[ZETA] += ELSEWHERE[fit.tries][1] * fit.sd[ZETA]
-    fit.proposed[PLAY] += ELSEWHERE[fit.tries][2] * fit.sd[PLAY]
-    for k in (LN_SPOOL, ZETA, PLAY):
+    fit.proposed[:] = fit.best.numbers
+    fit.proposed[LN_BRISTLE] += ELSEWHERE[fit.tries][0] * fit.sd[LN_BRISTLE]
+    fit.proposed[LN_SPOOL] += ELSEWHERE[fit.tries][1] * fit.sd[LN_SPOOL]
+    fit.proposed[ZETA] += ELSEWHERE[fit.tries][2] * fit.sd[ZETA]
+    fit.proposed[PLAY] += ELSEWHERE[fit.tries][3] * fit.sd[PLAY]
+    for k in (LN_BRISTLE, LN_SPOOL, ZETA, PLAY):
         fit.proposed[k] = min(max(fit.proposed[k], fit.low[k]), fit.high[k])
     _begin_again(s, fit.proposed)
     fit.trying, fit.stage = 1, 0
@@ -686,7 +687,7 @@ def _end_try(s):
 @compiled
 def _settle(s):
     """The last stage is over. Where it has gained little and the leg is not one that the model knows, the fit may sit in a local
-    minimum: while no volts are in, it is tried again from another spool and backlash, and the lower misfit stays."""
+    minimum: while no volts are in, it is tried again from beside it, and the lower misfit stays."""
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
