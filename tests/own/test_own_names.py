@@ -208,7 +208,9 @@ def test_a_chance_follows_what_it_is_about(monkeypatch):
     names = "named: a + d (chance of a name) + b (tied with c, odds 1 to 2.0) (chance of a tie)"
     likely = "likely, not proven: e"
     assert own_trace.said(found, None) == f"{names}; left beside it: some force; {likely}"
-    assert own_trace.said(found, formula) == f"{names}; formula beyond the library: x**2 (chance of a formula); {likely}"
+    assert (
+        own_trace.said(found, formula) == f"{names}; formula beyond the library: x**2 (chance of a formula); {likely}"
+    )
     assert "left beside it" not in own_trace.said(found, formula)  # the formula is what is left
     open_form: Any = SimpleNamespace(proven=False, why="two are as likely", best=one("x**2"))
     found.steps = []
