@@ -68,7 +68,6 @@ NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside t
 # standard deviations
 ELSEWHERE = ((1.5, 0.0, 0.0, 0.0), (0.0, 1.5, -1.0, 0.0), (0.0, -0.7, 1.0, 0.0), (0.0, 0.0, 0.0, 1.5))
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
-LOOKS = WINDOWS  # at older windows, between two fits: as many as a pass sees, of its 4 to 8
 WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
@@ -234,10 +233,10 @@ def _begin_fold(s):
 
 @compiled
 def _begin_look(s):
-    """A pass over an older window at the settled numbers: what it said was in the linearisation at those of that time. In turn, LOOKS of
-    them between two fits. Returns whether there is one."""
+    """A pass over an older window at the settled numbers: what it said was in the linearisation at those of that time. In turn, as
+    many between two fits as a pass sees. Returns whether there is one."""
     fit, window = s.fit, s.windows[OLDER]
-    if not fit.settled or not fit.has_best or not is_known_leg(fit.chi2) or fit.looked >= min(LOOKS, fit.kept):
+    if not fit.settled or not fit.has_best or not is_known_leg(fit.chi2) or fit.looked >= min(WINDOWS, fit.kept):
         return False
     fit.looked += 1
     fit.again = (fit.again + 1) % min(fit.kept, KEPT)
@@ -260,7 +259,6 @@ def _keep_window(s, n):
     kept.position_m[:], kept.bottom_Pa[:], kept.top_Pa[:] = window.position_m, window.bottom_Pa, window.top_Pa
     kept.supply_Pa[:], kept.load_N[:], kept.volts[:] = window.supply_Pa, window.load_N, window.volts
     kept.measured[:], kept.doubt_N[:], kept.first = window.measured, window.doubt_N, window.first
-    fit.folded += 1
     fade = exp(-(window.first - fit.folded_until) * s.settings.tick_s / MEMORY_S)
     fit.folded_until = window.first
     fit.folded_H *= fade
@@ -324,7 +322,7 @@ def _forget_folded(fit):
     fit.folded_H[:, :] = 0.0
     fit.folded_g[:] = 0.0
     fit.folded_cost = 0.0
-    fit.folded = fit.kept = fit.again = 0
+    fit.kept = fit.again = 0
 
 
 @compiled
@@ -655,7 +653,7 @@ def _begin_try(s):
     fit.chi2_before[:] = fit.chi2
     fit.aside_H[:, :] = fit.folded_H
     fit.aside_g[:] = fit.folded_g
-    fit.aside_cost, fit.aside, fit.aside_kept = fit.folded_cost, fit.folded, fit.kept
+    fit.aside_cost, fit.aside_kept = fit.folded_cost, fit.kept
     _forget_folded(fit)
     fit.proposed[:] = fit.best.numbers
     fit.proposed[LN_BRISTLE] += ELSEWHERE[fit.tries][0] * fit.sd[LN_BRISTLE]
@@ -681,7 +679,7 @@ def _end_try(s):
     fit.chi2[:] = fit.chi2_before
     fit.folded_H[:, :] = fit.aside_H
     fit.folded_g[:] = fit.aside_g
-    fit.folded_cost, fit.folded, fit.kept = fit.aside_cost, fit.aside, fit.aside_kept
+    fit.folded_cost, fit.kept = fit.aside_cost, fit.aside_kept
 
 
 @compiled

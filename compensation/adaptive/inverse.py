@@ -20,8 +20,8 @@ TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
 BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick
 LEAST_BLUNT_V = 2e-3
 ROUGHEST = 2.0 / 3.0  # of the half dead band, as WEIGHTS[3]: a wide one is crossed in as many ticks as a narrow one
-DAMPING = 1e-3  # of a step, so that what moves nothing stays; and what shares of a step are tried
-SHARES = (1.0, 0.3, 0.1)
+DAMPING = 1e-3  # of a step, so that volts that move nothing stay
+SHARES = (1.0, 0.3, 0.1)  # of a step that are tried
 
 
 @compiled

@@ -14,7 +14,7 @@ from .leg import N_NUMBERS, N_SHEET, N_STATES
 HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and where it may begin earlier
 WINDOWS, WAITING = 10, 3  # windows that the fit sees; that wait for the end of a pass
 OLDER = WINDOWS  # place of an older window that is looked at again; those that wait come behind it
-KEPT = 48  # older windows that are looked at again: some 15 s of motion
+KEPT = 48  # older windows that are looked at again: some 25 s of a sine of 0.5 Hz
 MOST_DELAY = 6  # whole ticks of a valve's delay
 HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
@@ -60,8 +60,8 @@ FIT = record(
     C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (16,)), L=(f, (N_NUMBERS, N_NUMBERS)),
     proposed=(f, (N_NUMBERS,)), before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
     was_known=i, held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
-    folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f, folded=i,
-    aside_H=(f, (N_NUMBERS, N_NUMBERS)), aside_g=(f, (N_NUMBERS,)), aside_cost=f, aside=i, folded_until=i, folding=i, to_fold=i,
+    folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f,
+    aside_H=(f, (N_NUMBERS, N_NUMBERS)), aside_g=(f, (N_NUMBERS,)), aside_cost=f, folded_until=i, folding=i, to_fold=i,
     first_cost=f, kept=i, again=i, looked=i, aside_kept=i,
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
@@ -74,7 +74,7 @@ INVERSE = record(
     s=(f, (N_STATES,)), steady=(f, (AHEAD,)),
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
     filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
-    whole=i, cost=f,
+    whole=i,
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
     position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),

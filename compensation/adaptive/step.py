@@ -153,7 +153,7 @@ def _invert(s):
         inv.before = inv.older = volts
         inv.filtered[:] = 0.0
         inv.running = 1
-    inv.cost = improve(
+    improve(
         inv.x, inv.U, inv.before, inv.older, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, limit, inv
     )  # fmt: skip
     return inv.U[0]
