@@ -26,6 +26,12 @@ from hexsim.tracing.steps.held_out_errors import error_table
 from hexsim.tracing.steps.residuals import unexplained_residuals
 
 
+def fitted_parameters(machine, problem):
+    """The fit of the declared parameters alone."""
+    start = least_squares.start_fit(machine, parameters.priors(machine), problem)
+    return least_squares.refine(start, problem, fresh=True, relative=rules.BASE_TOLERANCE)
+
+
 @pytest.fixture
 def questions(tmp_path, monkeypatch, request):
     """Fit runs and a held-out run of 8 s; few null seeds, which only say how far above the null a violation is."""
@@ -49,12 +55,7 @@ def test_a_gap_without_a_name(questions):
     assert [line.name for line in lines if line.violated] == ["continuity"]
     rest = unexplained_residuals(lines, problem)[0]
     assert (rest.balance, rest.dependence.signal) == ("valve", "valve_V")
-    base = least_squares.refine(
-        least_squares.start_fit(machine, parameters.priors(machine), problem),
-        problem,
-        fresh=True,
-        relative=rules.BASE_TOLERANCE,
-    )
+    base = fitted_parameters(machine, problem)
     found = learned_step.learned_fit(rest, base, problem, held_out)
     assert found is not None
     fit, entry = found
@@ -83,12 +84,7 @@ def test_gaps_that_go_with_the_direction_or_times_the_velocity(questions, form, 
     machine, problem, held_out = questions
     rest = unexplained_residuals(violated.violations(machine, machine, problem), problem)[0]
     assert rest.dependence.form == form
-    base = least_squares.refine(
-        least_squares.start_fit(machine, parameters.priors(machine), problem),
-        problem,
-        fresh=True,
-        relative=rules.BASE_TOLERANCE,
-    )
+    base = fitted_parameters(machine, problem)
     found = learned_step.learned_fit(rest, base, problem, held_out)
     assert found is not None and found[1]["curve"]["form"] == {"memory": "direction"}.get(form, form)
     assert ("memory_s" in found[1]["curve"]) == (form == "memory")
