@@ -25,6 +25,7 @@ Drawn = TypeVar("Drawn")
 
 WIDTH_IN = 9.6  # of a page
 DPI = 150  # sharp on a screen of two pixels a point
+MOST_POINTS = 2 * round(WIDTH_IN * DPI)  # of a line: two a pixel of the page
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,

@@ -24,20 +24,10 @@ from hexsim.tracing import rules
 
 Array = np.ndarray
 KNOTS = 14  # of a curve at most: half at quantiles, half evenly spaced
-FOLDS = 10  # of the blocks, each predicted from the other nine tenths
 CURVES = ("plain", "direction", "product")
 FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
-MEMORIES_S = (0.1, 0.4, 1.6)  # [s] time constants of the low-pass
-LAGS_S = (
-    0.2,
-    0.8,
-    3.2,
-)  # [s] from which the time constant of a signal's low-pass is sought, a factor of 2.5 either way
-SIMPLER = 0.03  # a plainer form is kept when it is at most this much worse in R^2
-UNCLEAR = 0.2  # below this R^2 the residual's size is asked
+LAGS_S = (0.2, 0.8, 3.2)  # [s] time constants of a low-pass; that of a signal is sought a factor of 2.5 either way
 LARGEST = 0.98  # quantile of |r| above which its size counts no more
-FOLLOWS = 0.1  # signals that follow one another (volts, speed, pressure) differ by less than this in R^2
-TONE_R2 = 0.5  # least share of the residual in one line, in every run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +109,7 @@ def ridge_of(A: Array, b: Array) -> tuple[Array, Array]:
 def r2_of(X: Array, r: Array, blocks: Array) -> Any:
     """Cross-validated R^2 of r (n,), or of every column of r (n, m): (m,). Blocks go to folds in turn."""
     rest = 0.0
-    folds = [(X[own], r[own]) for own in (blocks % FOLDS == fold for fold in range(FOLDS)) if own.any()]
+    folds = [(X[own], r[own]) for own in (blocks % rules.FOLDS == fold for fold in range(rules.FOLDS)) if own.any()]
     parts = [(x.T @ x, x.T @ y) for x, y in folds]
     A, b = sum(one for one, _ in parts), sum(one for _, one in parts)
     for (x, y), (own_A, own_b) in zip(folds, parts, strict=True):
@@ -178,7 +168,7 @@ def behind_low_pass(words: str, memory_s: float | None) -> str:
 def memories(velocities: Sequence[Array], rate: float) -> list[Regressors]:
     """sign(v) g(low-passed |v|) for every time constant."""
     found, v = [], np.concatenate(velocities)
-    for memory_s in MEMORIES_S:
+    for memory_s in LAGS_S:
         lately = np.concatenate([low_passed(np.abs(own), memory_s, rate) for own in velocities])
         knots = knots_of(lately)
         found.append(
@@ -199,7 +189,7 @@ def best_memory(
         return one, r2_of(one.X, r, blocks)
 
     tried = [(n, f, m, scored(n, f, m)[1]) for f in CURVES for n in names for m in LAGS_S]
-    most = max(score for *_, score in tried) - SIMPLER
+    most = max(score for *_, score in tried) - rules.SLIGHT
     name, form, _, _ = next(one for one in tried if one[3] > most)
     near = max((one for one in tried if one[:2] == (name, form)), key=lambda one: one[3])[2]
     found = minimize_scalar(
@@ -258,28 +248,28 @@ def dependence_of(
         tried = regressors_of(name, x, velocities, rate, columns or {})
         scored = [(one, r2_of(one.X, r, blocks)) for one in tried]
         table[name] = max(score for _, score in scored)
-        good = [(one, score) for one, score in scored if score > table[name] - SIMPLER]
+        good = [(one, score) for one, score in scored if score > table[name] - rules.SLIGHT]
         found[name] = min(good, key=lambda pair: (FORMS.index(pair[0].form), -pair[1]))
     frequency, share = tone_of(residuals, rate)
-    if share > TONE_R2 and share > max((score for _, score in found.values()), default=0.0):
+    if share > rules.MAIN and share > max((score for _, score in found.values()), default=0.0):
         empty = np.zeros(0)
         return Dependence(
             signal="time", form="tone", r2_cv=share, frequency_Hz=frequency, knots=empty, curve=empty, curve_sd=empty,
             table=table | {"tone": share},
         )  # fmt: skip
     target = r
-    if max(table[name] for name in table if name in order) < UNCLEAR:
+    if max(table[name] for name in table if name in order) < rules.TELLABLE:
         size = np.minimum(np.abs(r), np.quantile(np.abs(r), LARGEST))
         sized = {name: of_size(x, size, blocks) for name, x in moving.items()}
-        if max(sized[name][1] for name in sized if name in order) > UNCLEAR:
+        if max(sized[name][1] for name in sized if name in order) > rules.TELLABLE:
             target, found = size, sized
     best = max(found[name][1] for name in found if name in order)
-    signal = next(name for name in order if name in found and found[name][1] > best - FOLLOWS)
+    signal = next(name for name in order if name in found and found[name][1] > best - rules.TELLABLE)
     chosen, score = found[signal]
     others = [name for name in order if name in moving and name != "time_s"]
-    if target is r and others and best < 1.0 - FOLLOWS:
+    if target is r and others and best < 1.0 - rules.TELLABLE:
         name, one, later = best_memory(others, r, blocks, signals, np.concatenate(velocities), rate)
-        if later > best + FOLLOWS:
+        if later > best + rules.TELLABLE:
             signal, chosen, score = name, one, later
             table[name] = later
     theta, inverse = ridge(chosen.X, target)

@@ -23,7 +23,6 @@ from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
-LEAST_BLOCKS = 4  # of a short run
 
 
 def banded(channel: str, time: Array, signal: Array) -> Array:
@@ -87,7 +86,7 @@ def growths(problem: SimulatedProblem, without: Machine | None, with_it: Machine
     """The channels whose error grows by more than its block error from one machine to another, the worst first.
 
     Blocks are longer than a rest is correlated. The limit is the t-quantile beyond which chance takes a name that does
-    nothing wrong once in 1/`rules.GROWTH_DOUBT` traces, all channels of all runs together. Less than `rules.ALARM_SHARE` of the noise's
+    nothing wrong once in 1/`rules.DOUBT` traces, all channels of all runs together. Less than `rules.MODEL_SHARE` of the noise's
     mean square is the difference between two implementations of one model.
     """
     jobs = [(machine, i) for i in range(len(problem.logs)) for machine in (without, with_it)]
@@ -110,11 +109,11 @@ def grown(before: Array, after: Array, rate_Hz: float, tests: int) -> bool:
     """Is the mean square surely larger after than before? Both (n,) in times the noise; tests: how often that is asked."""
     if not np.all(np.isfinite(after)):
         return True
-    count = max(round(len(before) / rate_Hz / rules.PARTLY_BLOCK_S), LEAST_BLOCKS)
+    count = max(round(len(before) / rate_Hz / rules.REST_BLOCK_S), rules.FEW)
     blocks = np.array([own.mean() for own in np.array_split(after**2 - before**2, count)])
     error = float(np.std(blocks, ddof=1)) / np.sqrt(count)
-    limit = float(student.ppf(1.0 - rules.GROWTH_DOUBT / tests, count - 1))
-    return float(blocks.mean()) > max(limit * error, rules.ALARM_SHARE)
+    limit = float(student.ppf(1.0 - rules.DOUBT / tests, count - 1))
+    return float(blocks.mean()) > max(limit * error, rules.MODEL_SHARE)
 
 
 def refused(

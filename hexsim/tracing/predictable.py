@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.dependence import CURVES, SIMPLER, block_numbers, design, knots_of, r2_of
+from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 
 Array = np.ndarray
 MEAN_S = 0.01  # [s]
@@ -74,7 +74,7 @@ def predicted(
                 channel=channel, signal=names[j], form=form, share=float(excess[k, j]),
                 above=float(excess[k, j] / spread[k, j]),
             )  # fmt: skip
-            if channel not in found or own.share > found[channel].share + SIMPLER:
+            if channel not in found or own.share > found[channel].share + rules.SLIGHT:
                 found[channel] = own
     return sorted(found.values(), key=lambda own: -own.share)
 
@@ -98,7 +98,7 @@ def curve_shares(
     v = np.concatenate([own[name] for own in velocities])
     X = design(form, x, v, knots_of(x))
     r = np.concatenate([turned(rest) for rest in rests], axis=-1)
-    block = block_numbers([rest.shape[-1] for rest in rests], round(rules.PARTLY_BLOCK_S * rate))
+    block = block_numbers([rest.shape[-1] for rest in rests], round(rules.REST_BLOCK_S * rate))
     flat = r.reshape(-1, r.shape[-1])
     return r2_of(X, (flat - flat.mean(axis=1, keepdims=True)).T, block).reshape(r.shape[:-1])
 

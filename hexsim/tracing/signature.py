@@ -28,6 +28,7 @@ from hexsim.recording.figure_style import legend, new_figure, styled
 from hexsim.recording.quantity import quantity, scale_of
 from hexsim.signals.log import Log
 from hexsim.signals.table import table
+from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance, library
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.fitting.parameters import Candidate, with_settings
@@ -40,11 +41,9 @@ MACHINES = {"bench": ("bench", "servo_bench"), "hexapod": ("micro_motion_system"
 DURATION_S = {"bench": 10.0, "hexapod": 6.0}  # three periods of the slowest tone; of a hexapod what takes a second
 SWEEP_S = 40.0  # slow: where damping is 0.05 the answer comes 0.4 s late, by 2 % of the frequency
 DRY = {f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")}
-RATE_Hz = 1000.0  # of its log
 TONES = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))  # (Hz, share of a quarter of the stroke)
 SWEEP_m_s = 0.25  # velocity that a sweep asks for, from a quarter to twice the effect's frequency: beyond the overlap
 SHOWN_Hz = 25.0  # a wave that goes by faster is lost in a balance's window
-SEEN = 0.2  # of the residual without it: from this on an effect is shown in its own balance, else where it changes most
 TURNING_m = 3e-4  # of travel after a reversal, shown of a bristle
 SHOWN_AT = {  # where the typical size does nothing in this motion, or little but what another effect does
     "air_of_a_chamber": {"bottom_fraction": 0.05},
@@ -52,7 +51,6 @@ SHOWN_AT = {  # where the typical size does nothing in this motion, or little bu
     "pump_flow_limit": {"flow_max_m3_s": 4e-5},
     "relief_flow": {"opening_pressure_Pa": 9.3e6},
 }
-ROUGH = 0.02  # of a run without the effect: what sampling alone leaves
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,9 +127,11 @@ def on_machine(effect: Effect, machine: Machine, kind: str) -> tuple[float, Sign
                 )
     home = "continuity" if effect.balance == "valve" else effect.balance
     home = advice_of(effect.name).shown_in or home
-    own = [one for one in found if one[1].name.startswith(home) and effect.balance != "sensor" and one[0] > SEEN]
+    own = [
+        one for one in found if one[1].name.startswith(home) and effect.balance != "sensor" and one[0] > rules.TELLABLE
+    ]
     ratio, balance, place, before, after = max(own or found, key=lambda one: one[0])
-    if ratio < ROUGH:
+    if ratio < rules.SLIGHT:
         return None
     where = balance.places(log)[place]
     signals, v = picture_signals(log, machine, where)
@@ -190,8 +190,8 @@ def sweep(middle_Hz: float, t: Array) -> tuple[Array, Array]:
 def asked_log(machine: Machine, kind: str, sweep_Hz: float | None) -> Log:
     """A log that holds setpoints alone: heave and, of a hexapod, roll and pitch of many frequencies; a sweep of heave about
     that frequency where one is given."""
-    n = int((DURATION_S[kind] if sweep_Hz is None else SWEEP_S) * RATE_Hz)
-    t = np.arange(n) / RATE_Hz
+    n = int((DURATION_S[kind] if sweep_Hz is None else SWEEP_S) * rules.LOG_RATE_Hz)
+    t = np.arange(n) / rules.LOG_RATE_Hz
     fade = np.clip(t, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(t, 0.0, 1.0))
     reach = 0.25 * machine.cylinder.stroke_m
     waves = [fade * sum(a * np.sin(2 * np.pi * f * t + k * f) for f, a in TONES) for k in range(3)]
@@ -204,9 +204,11 @@ def asked_log(machine: Machine, kind: str, sweep_Hz: float | None) -> Log:
         pose = np.zeros((n, 6))
         pose[:, 2], pose[:, 3], pose[:, 4] = 0.5 * reach * waves[0], 0.05 * waves[1], 0.05 * waves[2]
         setpoint = np.stack([kinematics.piston_positions(one) for one in pose]).T
-    every = max(round(RATE_Hz / machine.controller.rate_Hz), 1)
+    every = max(round(rules.LOG_RATE_Hz / machine.controller.rate_Hz), 1)
     held = np.repeat(setpoint[:, ::every], every, axis=1)[:, :n]
-    return Log(name="signature", kind=machine.machine.kind, time=t, rate=RATE_Hz, setpoint=held, position=setpoint)
+    return Log(
+        name="signature", kind=machine.machine.kind, time=t, rate=rules.LOG_RATE_Hz, setpoint=held, position=setpoint
+    )
 
 
 def answered(machine: Machine, asked: Log) -> Log:

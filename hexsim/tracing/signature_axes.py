@@ -8,6 +8,7 @@ from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
+from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.platform import shown_accelerations
 from hexsim.tracing.report.signals import SIGNALS
@@ -29,9 +30,6 @@ AXES = SIGNALS | {
     "travel_m": ("travel since the reversal", 1e6, "µm"),
 }
 RATES = ("jerk_m_s3", "valve_rate_V_s", "pressure_bottom_rate_Pa_s", "pressure_top_rate_Pa_s")
-ALIKE = 0.05  # of R2: of signals that do so alike the balance's own order decides, and a rate must do that much better
-CONSTANT = 3.0  # mean over standard deviation from which on a residual is a constant
-FOLLOWS = 0.5  # R2 from which on such a residual is none
 
 
 def picture_signals(log: Log, machine: Machine, where: str) -> tuple[dict[str, Array], Array]:
@@ -61,12 +59,12 @@ def chosen_signal(balance: Balance, signals: dict[str, Array], residual: Array) 
     if "angular_acceleration_x_rad_s2" in signals:
         own = list(signals)
     shares = {name: explained(signals[name], residual) for name in [*own, *(name for name in RATES if name in signals)]}
-    if abs(residual.mean()) > CONSTANT * residual.std() and max(shares.values()) < FOLLOWS:
+    if residual.var() < rules.TELLABLE * np.mean(residual**2) and max(shares.values()) < rules.MAIN:
         return balance.usual_signal if balance.usual_signal in signals else own[0]
     best = max(shares[name] for name in own)
-    first = next(name for name in own if shares[name] > best - ALIKE)
+    first = next(name for name in own if shares[name] > best - rules.SLIGHT)
     quickest = max(shares, key=lambda name: shares[name])
-    return quickest if shares[quickest] > best + ALIKE else first
+    return quickest if shares[quickest] > best + rules.SLIGHT else first
 
 
 def explained(x: Array, y: Array) -> float:

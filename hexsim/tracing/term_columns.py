@@ -10,11 +10,11 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
+from hexsim.tracing import rules
 from hexsim.tracing.checks.sensor_agreement import agreement
 
 Array = np.ndarray
 PARTS = 4  # parts of a run that have a delay of their own: clocks of different recorders drift
-BLOCKS = 6  # blocks a run, for the standard error of a gain
 FOLLOWS = 0.8  # least correlation of a channel with what it is aligned to
 JUMP_S = 0.15  # [s] a part whose delay is further from the others' median is taken to be wrong
 SAME = 1e-6  # share of a column that is not in another: below it the two are one
@@ -192,10 +192,10 @@ def run_data(balance: OwnBalance, point: Point) -> RunData:
     keep &= point.scored()
     if balance.valid is not None:
         keep &= balance.valid(point)
-    if keep.sum() < 4 * BLOCKS:
+    if keep.sum() < 4 * rules.FOLDS:
         raise HexsimError(
             f"balance {balance.name}: run {point.log.name} has {int(keep.sum())} independent samples that count, "
-            f"{4 * BLOCKS} are needed: give a longer run or a shorter window"
+            f"{4 * rules.FOLDS} are needed: give a longer run or a shorter window"
         )
     terms = [np.broadcast_to(term.column(point), (n,))[keep] for term in balance.terms]
     found = RunData(

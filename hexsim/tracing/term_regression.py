@@ -15,6 +15,8 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.inference.notebook import Notebook
 from hexsim.inference.search import Found, search
+from hexsim.inference.verdict import needed
+from hexsim.tracing import rules
 from hexsim.tracing.dependence import hats, knots_of, r2_of
 from hexsim.tracing.term_columns import Alignment, OwnBalance, Point, RunData, Term, aligned, late_by, refused, run_data
 from hexsim.tracing.term_rows import BalanceMachine
@@ -22,8 +24,6 @@ from hexsim.tracing.term_selection import RARE, Chosen, acts, residual, rms, sho
 
 __all__ = ["Alignment", "OwnBalance", "OwnVerdict", "Point", "Term", "aligned", "late_by", "run_data", "trace_own"]
 Array = np.ndarray
-NOTHING = 0.03  # of the target: a rest below it asks for no cause
-LIKELY = 3.0  # nats from which a candidate is shown as likely
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +136,7 @@ def verdict_of(
     likely = [
         f"{one.title} ({one.nats:.0f} nats; {one.why})"
         for one in found.refused
-        if one.verdict == "likely" and one.nats > LIKELY
+        if one.verdict == "likely" and one.nats > needed(1)
     ]
     if terms:
         names = [
@@ -148,11 +148,11 @@ def verdict_of(
         if acting:
             low, high = rms(np.array(acting)[:, 1]), rms(np.array(acting)[:, 0])
             text += f", {high:.3g} -> {low:.3g} where it acts"
-    elif share < NOTHING:
+    elif share < rules.SLIGHT:
         text = "nothing missing"
     else:
         text = "unexplained: no candidate earns its place on runs it has not seen"
-    text += f"; likely, not proven: {', '.join(likely[:2])}" if likely and share >= NOTHING else ""
+    text += f"; likely, not proven: {', '.join(likely[:2])}" if likely and share >= rules.SLIGHT else ""
     text += f"; {' and '.join(traded)} and the named ones trade: no run moves them apart" if traded else ""
     signal, r2 = strongest_dependence(balance, runs, terms)
     left = f"; rest {after:.3g} {balance.unit} rms, {share:.1%} of the target"

@@ -14,14 +14,12 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.inference.contract import Number, Stretch
 from hexsim.inference.likelihood import Fit
+from hexsim.tracing import rules
 from hexsim.tracing.term_columns import OwnBalance, Point, Term, by_delay, run_data, variants
 from hexsim.tracing.term_selection import Chosen, placed, rms
 
 Array = np.ndarray
-FOLDS = 6  # groups of runs, each held out once
 LATE_S = 0.02  # [s] prior standard deviation of what an alignment leaves
-TOP = 0.1  # radians of phase that such a delay may make: rows above this frequency are left out
-LEAST_SHARE = 0.1  # of a run's rows that must count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +52,7 @@ def rows_of(balance: OwnBalance, point: Point) -> Rows | None:
     counted = point.log.whole(half * point.window.dt, 2)[at]
     if balance.valid is not None:
         counted = counted & balance.valid(point)[at]
-    if counted.mean() < LEAST_SHARE or counted.sum() < 40:
+    if counted.mean() < rules.TELLABLE or counted.sum() < 40:
         return None
     target = np.broadcast_to(balance.target(point), (n,))[at]
     if not np.all(np.isfinite(target[counted])):
@@ -79,8 +77,8 @@ class BalanceProblem:
         self.numbers += [
             Number(name=term.name, start=0.0, mean=0.0, sd=LATE_S, scale=LATE_S, unit="s", local=True) for _, term in late
         ]  # fmt: skip
-        groups = min(FOLDS, len(rows))
-        top = TOP / (2.0 * np.pi * LATE_S) if late else np.inf
+        groups = min(rules.FOLDS, len(rows))
+        top = rules.TELLABLE / (2.0 * np.pi * LATE_S) if late else np.inf
         self.stretches = [
             Stretch(name=run.point.log.name, group=f"part {k % groups + 1}", dt=run.dt, weight=run.counted.astype(float)[:, None],
                     top_Hz=top)

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import lsq_linear, minimize_scalar
 
+from hexsim.tracing import rules
 from hexsim.tracing.term_columns import OwnBalance, RunData, Term, at_place, variants
 
 Array = np.ndarray
 Chosen = tuple[Term, ...]
 RARE = 0.15  # share of the samples below which a term acts rarely
 ACTS = 0.05  # of a column's largest value: beyond it the term acts
-EVERY_RUN = 1.0 / 3.0  # of a run's loss: what a candidate that this run alone shows must take to be said
-SHOWN = 0.05  # of a column's largest sum of squares in a run: from there a run shows the term
 
 
 def solve(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> Array:
@@ -78,17 +77,17 @@ def acts(run: RunData, term: Term) -> Array:
 
 
 def shown_once(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> dict[str, str]:
-    """Candidates that one run alone shows, of which they would take a third: name -> run. No name: nothing can score them."""
+    """Candidates that one run alone shows, of which they would take much: name -> run. No name: nothing can score them."""
     found = {}
     for term in balance.candidates:
         if term.name in {one.name for one in chosen}:
             continue
         trial = (*chosen, best_placed(balance, runs, chosen, term))
         sizes = sizes_of(trial[-1], runs)
-        if np.sum(sizes > SHOWN * sizes.max()) == 1 and physical(balance, runs, trial):
+        if np.sum(sizes > ACTS * sizes.max()) == 1 and physical(balance, runs, trial):
             run = runs[int(np.argmax(sizes))]
             before, after = (rms(residual(run, solve(balance, runs, own), own)) for own in (chosen, trial))
-            found |= {term.name: run.name} if after**2 < (1.0 - EVERY_RUN) * before**2 else {}
+            found |= {term.name: run.name} if after**2 < (1.0 - rules.EXPLAINS) * before**2 else {}
     return found
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hexsim.signals.log import Log
+from hexsim.tracing import rules
 
 Array = np.ndarray
-FOLLOWS = 0.05  # correlation beyond chance, of thousands of samples
 
 
 def kinks(acceleration: Array, ticks: slice | None) -> Array:
@@ -41,7 +41,7 @@ def bends_at(acceleration: Array, volts: Array, ticks: slice) -> slice:
     steps[1:] = np.diff(volts)
     follows = [float(jumps[late:] @ steps[: len(steps) - late]) for late in range(ticks.step)]
     late = int(np.argmax(follows))
-    clear = follows[late] > FOLLOWS * float(np.linalg.norm(jumps) * np.linalg.norm(steps))
+    clear = follows[late] > rules.SLIGHT * float(np.linalg.norm(jumps) * np.linalg.norm(steps))
     return slice((ticks.start + late) % ticks.step, None, ticks.step) if clear else ticks
 
 

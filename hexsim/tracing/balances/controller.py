@@ -16,18 +16,18 @@ from hexsim.declaration.controller import LONGEST_DELAY_TICKS
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
+from hexsim.tracing import rules
 from hexsim.tracing.balances.balance import Balance, resolved_machine
 from hexsim.tracing.memory import remembered
 
 Array = np.ndarray
 AT_NOISE = 5.0  # times the noise of the position through the gain: volts within it are those of the loop
-ALIKE = 0.02  # share of the volts, likewise
+ALIKE = 0.02  # of the volts, likewise; of a tick, likewise
 # times the position's noise: what a transducer that is not logged differs by, and what that leaves (clean logs: 0.05, 1.2)
 OWN_SEEN, OWN_LEFT = 0.2, 2.0
 OWN_PLAINER = 0.98  # of what a loop of another gain leaves: 4 % of the square, 20 times the share that alarms a fit
 LEAST_TICKS = 500  # away from the volts' limit: a second of the controller
-DELAY_STEPS, LONGEST_s = 4, 0.05  # of Gauss-Newton; [s] a delay is within it
-GAIN_OFF, DELAY_OFF = 0.005, 0.02  # a loop is as declared within this share of its gain and these ticks
+LONGEST_s = 0.05  # a delay is within it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ def loop_of_leg(asked: Array, volts: Array, limit_V: float) -> LoopOfLeg | None:
         share, *_ = np.linalg.lstsq(np.stack(late, axis=1), volts[first:][inside], rcond=None)
         left = float(np.median(np.abs(volts[first:][inside] - share @ late)))
         gain = float(share.sum())
-        if gain > 0.0 and min(share) > -DELAY_OFF * gain and (best is None or left < best.left_V):
+        if gain > 0.0 and min(share) > -ALIKE * gain and (best is None or left < best.left_V):
             best = LoopOfLeg(gain=gain, delay_ticks=whole + float(share[1]) / gain, left_V=left)
     return best
 
@@ -117,7 +117,7 @@ def left_by_transducer(time: Array, read: Array, shown: Array, inside: Array) ->
     inside (n - 1,): which samples count, from the second on.
     """
     curve, delay, left = CubicSpline(time, read), 0.0, shown
-    for _ in range(DELAY_STEPS):
+    for _ in range(rules.FEW_STEPS):
         at, rate = curve(time - delay), curve(time - delay, 1)
         columns, off = np.stack([np.ones(len(at)), at, -rate], axis=1)[1:][inside], (shown - at)[1:][inside]
         found = np.linalg.lstsq(columns, off, rcond=None)[0]
@@ -151,7 +151,7 @@ class Loop(Balance):
         found = remembered(log, "loops", lambda: (loops_of(log, machine),))[0]
         declared = machine.controller.computing_delay_ticks
         return found is not None and any(
-            abs(loop.gain - 1.0) > GAIN_OFF or abs(loop.delay_ticks - declared) > DELAY_OFF for loop in found
+            abs(loop.gain - 1.0) > rules.KNOWN or abs(loop.delay_ticks - declared) > ALIKE for loop in found
         )
 
     def places(self, log: Log) -> list[str]:

@@ -10,13 +10,13 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
+from hexsim.signals.weak_form import HALF_WIDTH_S
 from hexsim.tracing.balances.balance import Balance
 from hexsim.tracing.memory import remembered
 
 Array = np.ndarray
-REACH_S = 0.06  # [s] of the widest window of a balance and what delays move it by
+REACH_S = 3.0 * HALF_WIDTH_S  # of the widest window of a balance and what delays move it by, [s]
 FILLED_WELL = 2  # samples: so short a gap is filled as well as a sample is known
-END_S = 0.05  # [s] at the end of a run that windows do not see whole
 
 
 def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.random.Generator) -> Log:
@@ -48,7 +48,7 @@ def used(log: Log, residual: Array) -> Array:
 
 def used_samples(log: Log, every: int = 1) -> slice:
     """Places of the samples that count, or of some of them."""
-    return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), every)
+    return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), every)
 
 
 def window_weights(log: Log) -> Array:

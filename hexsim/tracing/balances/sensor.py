@@ -11,13 +11,12 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import WHOLE, Window
+from hexsim.signals.weak_form import WHOLE, WIDE_S, Window
 from hexsim.tracing.balances.balance import Balance, position_settings, resolved_machine, sensed_leg, sensor_settings
 from hexsim.tracing.balances.platform import ROWS, felt_by_imu, platform_motion
 from hexsim.tracing.memory import latest
 
 Array = np.ndarray
-LOOK_S = 0.04  # [s] half width: d2y/dt2 of a position of 3 um noise is about as quiet as the IMU
 
 
 class Sensor(Balance):
@@ -89,7 +88,7 @@ class Imu(Balance):
     @staticmethod
     def compared(log: Log, resolved: Resolved) -> Array:
         """The residual of the sensors' settings and the joints of a machine."""
-        look, window = Window(log.rate, LOOK_S), Window(log.rate)
+        look, window = Window(log.rate, WIDE_S), Window(log.rate)
         motion = platform_motion(log, resolved, [sensed_leg(log, resolved, i) for i in range(6)])
         legs, poses = resolved.mechanics, motion.poses.T
         pose, rate, second = look.mean(poses).T, look.rate(poses).T, look.second_rate(poses).T

@@ -20,12 +20,11 @@ from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import LINE, POWER_UNIT, S, line_capacity, power_unit_rates, pump_flow_command
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import WHOLE, Window
+from hexsim.signals.weak_form import HALF_WIDTH_S, WHOLE, Window
 from hexsim.tracing.balances.balance import Balance, measured_point, resolved_machine
 
 Array = np.ndarray
 UNIT_STEP_S = 1.0e-4  # [s] of RK4 for a power unit
-START_S = 0.02  # [s] of a log that give the pressure at which a power unit begins
 
 
 @compiled
@@ -115,7 +114,7 @@ class Supply(Balance):
             return window.mean(lacking)[None]
         demand = demand_of_all(log, machine, resolved)
         if supply[S.MODEL] == POWER_UNIT:
-            start = float(Ps[: max(int(START_S * log.rate), 4)].mean())
+            start = float(Ps[: max(int(HALF_WIDTH_S * log.rate), 4)].mean())
             return window.mean(Ps - power_unit_pressures(supply, start, demand, 1.0 / log.rate))[None]
         delivered, slope = lacking / supply[S.RESISTANCE], np.full(log.n, 1.0 / supply[S.RESISTANCE])
         if supply[S.FLOW_MAX] > 0:

@@ -9,6 +9,7 @@ from hexsim.errors import HexsimError
 from hexsim.signals.log import Log
 from hexsim.signals.table import places, table
 from hexsim.signals.units import UNITS
+from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import is_position_loop
 from hexsim.tracing.checks.finding import Finding, loss, notice, refusal
 from hexsim.tracing.checks.sensor_agreement import (
@@ -20,8 +21,8 @@ from hexsim.tracing.checks.sensor_agreement import (
 )
 from hexsim.tracing.checks.swapped import swapped_legs, swapped_pressures
 
+SHORT_s = rules.FEW * rules.REST_BLOCK_S  # shorter logs have too few independent blocks
 SLOW_Hz = 200.0  # below this rate valve and oil dynamics (20-110 Hz) cannot be seen
-SHORT_s = 8.0  # shorter logs have too few independent samples for blocks
 AGAINST = "the second derivative of the positions"
 
 

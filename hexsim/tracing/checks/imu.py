@@ -11,9 +11,7 @@ from hexsim.errors import HexsimError
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.points import origin_motion
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
-
-WINDOW_s = 0.04  # of the velocities, from the legs' positions
+from hexsim.signals.weak_form import WIDE_S, Window
 
 
 def at_origin(log: Log, machine: Machine) -> Log:
@@ -26,7 +24,7 @@ def at_origin(log: Log, machine: Machine) -> Log:
     is_off = any(imu.imu_position_m) or any(imu.imu_orientation_deg)
     if not is_off or log.acceleration is None or log.angular is None or positions is None:
         return log
-    legs, look = machine_kinematics(machine), Window(log.rate, WINDOW_s)
+    legs, look = machine_kinematics(machine), Window(log.rate, WIDE_S)
     try:
         pose = legs.forward(np.ascontiguousarray(look.mean(positions).T))
     except HexsimError:  # the checks say what is wrong with these positions

@@ -18,13 +18,10 @@ from hexsim.errors import HexsimError
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
-from hexsim.signals.weak_form import Window
+from hexsim.signals.weak_form import WIDE_S, Window
 from hexsim.tracing.balances.bends import kinks, tick_samples
 
 Array = np.ndarray
-HALF_WIDTH_s = (
-    0.045  # window that halves 12 Hz: below it d2y/dt2 of a position of 3 um noise is quieter than the signal
-)
 LONGEST_DELAY_s = 0.5  # of a channel that can still be aligned
 
 
@@ -57,7 +54,7 @@ def acceleration_agreement(log: Log, machine: Machine, order: tuple[int, ...] | 
 
     order: numbers of the legs (0-based) as which the position columns are taken; default as they are named.
     """
-    look = Window(log.rate, max(HALF_WIDTH_s, 5.0 / log.rate))
+    look = Window(log.rate, max(WIDE_S, 5.0 / log.rate))
     if len(log.time) < 8 * look.half or log.duration_s < 2.0:
         return {}
     names = [*log.names("acceleration"), *log.names("angular_acceleration")]

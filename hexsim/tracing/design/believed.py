@@ -19,11 +19,10 @@ from hexsim.tracing.fitting.rest_priors import is_held
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
-CALM, CALM_SHARE = 5.0, 0.5  # times the noise; least share of a motion
+CALM = 5.0  # times the noise
 COARSE = 3.0  # times the step of the finite differences
 UNALIKE = 0.2  # share by which the columns of two steps differ where they are not reproduced
 SLIGHT = 0.3  # of the noise: a smaller difference does not matter
-SAME = 0.95  # correlation from which a nuisance effect does what a number does
 
 
 def enters_a_cushion(machine: Machine, position_m: Array) -> bool:
@@ -47,7 +46,7 @@ def reproduced(columns: Array, coarse: Array, spread: Array, rate_Hz: float) -> 
     """
 
     def size(rows: Array) -> Array:
-        return uniform_filter1d(rows**2, max(round(rules.INPUT_WINDOW_S * rate_Hz), 1), axis=-1, mode="nearest")
+        return uniform_filter1d(rows**2, max(round(rules.SPREAD_S * rate_Hz), 1), axis=-1, mode="nearest")
 
     off = size(columns - coarse)
     matters = off * spread[:, None, None] ** 2 > SLIGHT**2
@@ -68,5 +67,5 @@ def hangs_on(now: Fit, after: Fit, places: Sequence[int]) -> tuple[str, ...]:
     for place in places:
         together = {k: abs(after.covariance[place, k]) / max(sd[place] * sd[k], 1e-300) for k in unseen}
         most = max(together, key=lambda k: together[k], default=None)
-        found.append(labels[most] if most is not None and together[most] > SAME else "")
+        found.append(labels[most] if most is not None and together[most] > rules.TRADES else "")
     return tuple(found)

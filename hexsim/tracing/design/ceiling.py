@@ -3,7 +3,7 @@
 With A the normal matrix of the logs that there are, prior included, and X_i that of every motion that was tried,
 
     floor      diag (A + sum X_i X_i')^-1      all of them measured, one after the other
-    declared   the parameters whose error goes with the number's there, r^2 of at least BLAMED
+    declared   the parameters whose error goes with the number's there, r^2 of a tenth at least
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hexsim.tracing import rules
 from hexsim.tracing.design.information import Hypothesis, shrunk
 from hexsim.tracing.fitting.covariance import inverse
 
 Array = np.ndarray
-BLAMED, NAMED = 0.1, 2  # squared correlation; parameters that are named at most
+NAMED = 2  # parameters that are named at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +38,7 @@ def ceiling_of(first: Hypothesis, matrices: Sequence[Array]) -> Ceiling:
     words = []
     for number in first.numbers:
         with_prior = together[number.place, : len(first.fit.priors)]
-        most = [j for j in np.argsort(-with_prior)[:NAMED] if with_prior[j] > BLAMED]
+        most = [j for j in np.argsort(-with_prior)[:NAMED] if with_prior[j] > rules.TELLABLE]
         own = [(first.fit.priors[j].key, first.fit.priors[j].half_width) for j in most]
         words.append(" and ".join(f"{key} is declared to {100 * width:.2g} %" for key, width in own))
     return Ceiling(errors=shrunk(first, share), declared=tuple(words))

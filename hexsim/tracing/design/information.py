@@ -23,7 +23,7 @@ from hexsim.signals.channels import kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.null import with_noise
-from hexsim.tracing.design.believed import CALM_SHARE, COARSE, calm_samples, enters_a_cushion, reproduced
+from hexsim.tracing.design.believed import COARSE, calm_samples, enters_a_cushion, reproduced
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.covariance import inverse
 from hexsim.tracing.fitting.fit import Fit, all_columns, refine, start_fit_at
@@ -130,7 +130,7 @@ class Promise:
     separations: dict[tuple[str, str], float]
     errors: tuple[float, ...]
     information: float  # log of the ratio of the determinants, after to before, a coordinate; of a rest see `rest`
-    needed: float = 4 * rules.TIE_CHI2  # least separation that separates
+    needed: float = 4 * rules.SIGNIFICANT  # least separation that separates
     enough: float = 10.0  # times that: more is worth nothing
     measure: str = "chi2"
     told: Array | None = None  # normal matrix of the motion
@@ -179,13 +179,13 @@ def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> 
         return Promise(separations={}, errors=tuple(np.inf for _ in first.numbers), information=-np.inf)
     pairs = [(i, k) for i in range(len(hypotheses)) for k in range(i + 1, len(hypotheses))]
     labels = {(i, k): (hypotheses[i].label, hypotheses[k].label) for i, k in pairs}
-    if np.mean(calm) < CALM_SHARE:
+    if np.mean(calm) < rules.MAIN:
         return nothing_told(first, labels.values())
     there = start_fit_at(first.fit, problem)
     fine, coarse = (all_columns(there, problem, share)[0] for share in (1.0, COARSE))
     inverse_before = inverse(first.known)
     calm &= reproduced(fine, coarse, np.sqrt(np.diag(inverse_before)), log.rate)
-    if np.mean(calm) < CALM_SHARE:
+    if np.mean(calm) < rules.MAIN:
         return nothing_told(first, labels.values())
     flat = (fine * calm).reshape(len(fine), -1)
     after = first.known + (new := flat @ flat.T)

@@ -21,12 +21,12 @@ from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
 from hexsim.motion_computer.limits import pose_limits
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.log import Log
+from hexsim.tracing import rules
 
 Array = np.ndarray
-RATE_Hz = 1000.0  # of the log of a motion that nobody has measured
 KINDS = ("multisine", "sweep", "constant_acceleration_reversals", "constant_velocity_strokes", "block")
-TONES = 6  # of a multisine: as many as a platform has axes
-SLOWEST_Hz, FASTEST_Hz = 0.05, 15.0  # one period of the duration; what a loop of a few hertz still answers
+SLOWEST_Hz = 1.0 / rules.MOTION_S  # one period of the duration
+FASTEST_Hz = 15.0  # what a loop of a few hertz still answers
 SMALLEST_SHARE = 0.1  # of the largest possible size
 FASTEST_STEP_Hz = 1.0  # periods of steps a second
 SEEDS = 64  # of phases
@@ -221,7 +221,7 @@ def signal(
     step_s: in which a step goes over.
     """
     if kind == "multisine":
-        frequencies = np.geomspace(low_Hz, max(high_Hz, 1.05 * low_Hz), TONES) * (1.0 + 0.01 * (seed % 7))
+        frequencies = np.geomspace(low_Hz, max(high_Hz, 1.05 * low_Hz), len(DOF_NAMES)) * (1.0 + 0.01 * (seed % 7))
         amplitudes = (frequencies[0] / frequencies) ** (2.0 * slope)
         amplitudes *= reach / amplitudes.sum()
         return {
@@ -253,7 +253,7 @@ def signal(
     }
 
 
-def setpoint_log(machine: Machine, tables: dict[str, Any], rate_Hz: float = RATE_Hz) -> Log:
+def setpoint_log(machine: Machine, tables: dict[str, Any], rate_Hz: float = rules.LOG_RATE_Hz) -> Log:
     """An empty log with the scenario's setpoints, as a problem for the simulation."""
     scenario = scenario_from_dict(tables)
     time = np.arange(int(scenario.duration_s * rate_Hz)) / rate_Hz

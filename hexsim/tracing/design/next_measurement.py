@@ -17,6 +17,7 @@ from scipy.optimize import differential_evolution
 
 from hexsim.errors import HexsimError
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
+from hexsim.tracing import rules
 from hexsim.tracing.design.ceiling import Ceiling, ceiling_of
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
@@ -30,13 +31,8 @@ from hexsim.tracing.held_out import at_the_rest
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import Trace
 
-DURATION_s = 20.0  # as the guide asks of a log to fit
 FIRST, ROUNDS = 16, 1  # motions tried at first, and rounds of as many that come from the best of them
-CONTENDERS = 3  # of a machine that is not explained
-LOAD_SHARE = 1.5  # of the machine's own mass: a load that is thought of where nobody has said what can be put on
-LOAD_COST = 0.1  # log: a motion with a load must be worth a tenth more
 ONE_TERM = 1e-3  # of the needed separation: what is closer in every motion is one term of the balances
-CHECKED = 3  # of the best motions are checked by refits
 Tell = Callable[[str, float], None]
 Open = OpenRest | OpenRefits
 
@@ -107,7 +103,7 @@ class NextMeasurement:
 
 
 def next_measurement(
-    trace: Trace, duration_s: float = DURATION_s, tell: Tell | None = None, *, first: int = FIRST, rounds: int = ROUNDS,
+    trace: Trace, duration_s: float = rules.MOTION_S, tell: Tell | None = None, *, first: int = FIRST, rounds: int = ROUNDS,
     may_load: bool = True, largest: float = 1.0,
 ) -> NextMeasurement:  # fmt: skip
     """The motion of this length that tells most about what the trace has left open.
@@ -138,7 +134,7 @@ def next_measurement(
     ceiling = ceiling_of(asked.first, [own.told for _, own in tried if own.told is not None])
     load_kg = trace.machine.load.additional_mass_kg if "machine" in tables else None
     if found.tied and not may_load:
-        would = asked.with_load(heavier := LOAD_SHARE * trace.machine.load.carried_mass_kg)
+        would = asked.with_load(heavier := rules.HEAVIER * trace.machine.load.carried_mass_kg)
         log = replace(family.log(tables), loaded=True)
         load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
     apart = {pair: max(own.separations.get(pair, 0.0) for _, own in tried) for pair in found.tied}
@@ -175,7 +171,7 @@ def checked(
 def _worth(item: tuple[dict[str, Any], Promise], wanted: int | None) -> float:
     """What is made large: a load is work, and must bring something."""
     tables, promised = item
-    return promised.worth(wanted) - (LOAD_COST if "machine" in tables else 0.0)
+    return promised.worth(wanted) - (rules.TELLABLE if "machine" in tables else 0.0)
 
 
 def what_is_open(trace: Trace) -> Open:
@@ -217,7 +213,7 @@ def surviving(trace: Trace) -> list[tuple[str, Fit]]:
         found += [(label, rival) for label, rival in tied.items() if label not in other_names(trace)]
     if trace.verdict == "unexplained" and not trace.predicted:
         rivals = [rival for stage in trace.search.stages for rival in stage.rivals]
-        rivals = sorted(rivals, key=lambda rival: rival.chi2)[:CONTENDERS]
+        rivals = sorted(rivals, key=lambda rival: rival.chi2)[: rules.FEW]
         found = [(_label(rival), rival) for rival in rivals] or found
     unique = dict(reversed(found))
     return [(label, unique[label]) for label in dict(found)]
@@ -239,7 +235,7 @@ def standing(trace: Trace) -> tuple[RestFit, ...]:
 def with_small_realities(fit: Fit, trace: Trace) -> Fit:
     """The machine with a little of what any machine has beside it: a motion that knows these shows what is hidden."""
     for candidate in rest_level.ordinary_effects(trace.candidates):
-        start = rest_level.SPOOL_START if np.isinf(candidate.effect.parameters[0].neutral) else 0.0
+        start = rules.START if np.isinf(candidate.effect.parameters[0].neutral) else 0.0
         fit = with_effects(fit, [candidate], start, trace.fit_problem)
     return replace(fit, columns=None, covariance=None)
 
@@ -298,5 +294,5 @@ def contenders(ranked: list[tuple[dict[str, Any], Promise]]) -> list[tuple[dict[
     """The best with a load and the best without, and the next best."""
     loaded = ["machine" in tables for tables, _ in ranked]
     firsts = {loaded.index(own) for own in set(loaded)}  # the best with a load, and the best without
-    places = sorted(firsts | set(range(len(ranked))), key=lambda k: (k not in firsts, k))[:CHECKED]
+    places = sorted(firsts | set(range(len(ranked))), key=lambda k: (k not in firsts, k))[: rules.FEW]
     return [ranked[k] for k in sorted(places)]

@@ -38,7 +38,7 @@ from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
-SEPARATED = -float(np.log(1.0 - rules.PARTLY_TIE))  # least separation that is no tie
+SEPARATED = -float(np.log(1.0 - rules.TELLABLE))  # least separation that is no tie
 ENOUGH = 3.0  # times that: more is worth nothing
 MEASURE = "log_of_rest"
 NOTHING = frozenset({""})  # no number is asked for
@@ -251,7 +251,7 @@ def with_the_rest(asked: OpenRest, seen: BalanceProblem, seed: int = 0) -> Balan
     rng = np.random.default_rng(seed)
     rest = np.concatenate(asked.best.fit.misfit, axis=1)
     every, n = seen.every(seen.logs[0]), seen.parts[0].clean[0][:, :: seen.every(seen.logs[0])].shape[1]
-    length = min(max(round(rules.PARTLY_BLOCK_S / seen.thin_s), 2), rest.shape[1])
+    length = min(max(round(rules.REST_BLOCK_S / seen.thin_s), 2), rest.shape[1])
     firsts = rng.integers(0, rest.shape[1] - length + 1, n // length + 1)
     drawn = np.concatenate([rest[:, first : first + length] for first in firsts], axis=1)[:, :n]
     parts, at = [], 0

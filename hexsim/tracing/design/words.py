@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from hexsim.tracing import rules
 from hexsim.tracing.design.ceiling import Ceiling
 from hexsim.tracing.design.information import SHARP, Number, Promise
 from hexsim.tracing.fitting.fitted_numbers import Total
@@ -13,7 +14,6 @@ from hexsim.tracing.state import NamedEffect, Trace
 UNKNOWN = Ceiling(errors=(), declared=())
 ALL_KNOWN = "to know all declared parameters better"
 NOT_APART = "they are one term, that no log takes apart"
-NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
 
 
 def purpose_of(
@@ -45,7 +45,7 @@ def purpose_of(
         what = f"{number.name} of {number.effect} better"
         now = f"{number.value:.3g} +- {number.standard_error:.2g} now"
         least = least_words(number, ceiling, wanted)
-        if expected > NO_GAIN * number.standard_error and (least or number.relative_of(expected) > SHARP):
+        if expected > rules.SHARPENED * number.standard_error and (least or number.relative_of(expected) > SHARP):
             return f"no motion tells {what}{least or ' in this time'}; {now}"
         return f"to know {what}{put_on}: {now}{least and '; no motion tells it better'}{least}"
     if numbers:
@@ -88,7 +88,7 @@ def least_words(number: Number, ceiling: Ceiling, place: int) -> str:
 def expected_words(number: Number, error: float, hangs_on: str) -> str:
     """A number's error now and after the motion. hangs_on: a nuisance effect that does nearly the same, or ""."""
     said = f"{number.effect} {number.name} = {number.value:.4g}: error {number.standard_error:.2g} now, {error:.2g} expected"
-    if hangs_on and error < NO_GAIN * number.standard_error:
+    if hangs_on and error < rules.SHARPENED * number.standard_error:
         return f"{said}, about as now where a little {hangs_on} that any machine may have stays beside it"
     return said
 

@@ -31,12 +31,7 @@ from hexsim.tracing.fitting.parameters import (
 from hexsim.tracing.problems.problem import N_CORES, FitProblem, alive, chi2_of, in_job
 
 Array = np.ndarray
-MAX_STEPS = 14  # of Gauss-Newton
-KEPT_SHARE = 0.8  # columns are made anew when what a step gives is off its promise by more than the rest of 1
-MAX_AGE = 4  # or when they are so many steps old
-PARAMETER_STEP = 0.01  # finite difference of a declared parameter, in half widths
-INVERSE_STEP = 0.01  # at least this, of an effect that vanishes at infinity: a spool of 6 kHz
-EFFECT_STEP = 0.005  # finite difference of an effect's number about a fitted value, relative
+KEPT = 0.7  # of what a step promises: columns that give less, or as much more, are poor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,10 +114,10 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     for j, prior in enumerate(fit.priors):
         sign = -1.0 if fit.deviations[j] > 0 else 1.0
         deviations = fit.deviations.copy()
-        deviations[j] += sign * share * PARAMETER_STEP * prior.half_width
+        deviations[j] += sign * share * rules.LEAST_STEP * prior.half_width
         machines.append(replace(fit, deviations=deviations).built())
         signs.append(sign)
-    steps = np.array(signs)[:, None, None] * share * PARAMETER_STEP
+    steps = np.array(signs)[:, None, None] * share * rules.LEAST_STEP
     columns = problem.misfit(machines)
     for base, own in zip(fit.misfit, columns, strict=True):  # in place: of a long log they are hundreds of megabytes
         np.subtract(base, own, out=own)
@@ -140,8 +135,8 @@ def effect_neighbours(
             continue
         for parameter in candidate.free():
             here = to_coordinate(parameter, fit.values[k][parameter.name])
-            least = INVERSE_STEP if math.isinf(parameter.neutral) else 0.1 * EFFECT_STEP
-            step = parameter.step_share * share * max(EFFECT_STEP * abs(here), least)
+            least = rules.LEAST_STEP if math.isinf(parameter.neutral) else 0.1 * rules.LEAST_STEP
+            step = parameter.step_share * share * max(rules.LEAST_STEP * abs(here), least)
             if here + step > coordinate_bounds(parameter)[1]:
                 step = -step
             values = dict(fit.values[k])
@@ -190,7 +185,7 @@ def prior_terms(fit: Fit) -> tuple[Array, Array]:
 def refine(
     fit: Fit,
     problem: FitProblem,
-    steps: int = MAX_STEPS,
+    steps: int = rules.MAX_STEPS,
     tolerance: float = 0.5,
     relative: float = 0.0,
     fresh: bool = False,
@@ -229,7 +224,7 @@ def refine(
         if gain < max(tolerance, relative * (fit.chi2 - fit.n)) and not stale:
             break
         age += 1
-        if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
+        if fresh and (not KEPT < kept < 2.0 - KEPT):
             # gone before the new ones are made: of a long log both are large
             fit, better, trial = replace(fit, columns=None), None, None
             fit, age, damping = parameter_columns(fit, problem), 0, 0.0

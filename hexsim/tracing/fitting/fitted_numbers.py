@@ -3,6 +3,7 @@ together."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,12 +11,11 @@ import numpy as np
 
 from hexsim.hydraulics.effects.effect import EffectParameter
 from hexsim.recording.quantity import split_key
+from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 
 Array = np.ndarray
-BETTER = 0.5  # of the error of an effect: a sum that is known so much better is said
-SLOPE_STEP = 1e-4  # coordinate: about a value all numbers are straight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,7 @@ class Total:
     @property
     def known_better(self) -> bool:
         """Is the sum known much better than the effect alone?"""
-        return self.standard_error < BETTER * self.adds
+        return self.standard_error < rules.SHARPENED * self.adds
 
 
 def numbers_of(fit: Fit, named: Sequence[str]) -> list[Number]:
@@ -79,8 +79,9 @@ def numbers_of(fit: Fit, named: Sequence[str]) -> list[Number]:
 def slope_of(number: EffectParameter, value: float) -> float:
     """Of a value over its coordinate; a size that vanishes at infinity falls as its coordinate grows."""
     here = to_coordinate(number, value)
-    low, high = to_value(number, here - SLOPE_STEP), to_value(number, here + SLOPE_STEP)
-    return (high - low) / (2.0 * SLOPE_STEP)
+    if math.isinf(number.neutral):
+        return -number.typical / max(here, rules.LEAST_STEP) ** 2
+    return (abs(number.typical) or 1.0) / number.power * max(abs(here), rules.LEAST_STEP) ** (1.0 / number.power - 1.0)
 
 
 def totals_of(fit: Fit, candidate: Candidate) -> list[Total]:

@@ -17,11 +17,11 @@ from hexsim.declaration import Machine
 from hexsim.declaration.machine import LENGTHS
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import Effect, EffectParameter, effect_named, library
+from hexsim.tracing import rules
 
 Array = np.ndarray
 ENDS = ("lower", "upper")
 TIME_CONSTANT = "time_constant_s"
-AT_END = 1e-3  # of a bound: as near to it is at the end of its range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +109,11 @@ def coordinate_bounds(parameter: EffectParameter) -> tuple[float, float]:
 def end_of_range(parameter: EffectParameter, value: float) -> str:
     """Which end of its range a number has run to: lower, upper or none of them, empty."""
     return next(
-        (end for end, bound in zip(ENDS, parameter.bounds, strict=True) if math.isclose(value, bound, rel_tol=AT_END)),
+        (
+            end
+            for end, bound in zip(ENDS, parameter.bounds, strict=True)
+            if math.isclose(value, bound, rel_tol=rules.END)
+        ),
         "",
     )
 

@@ -55,13 +55,13 @@ class Evidence:
 def sure(evidence: Evidence) -> bool:
     """Do all rules hold but that of size?"""
     e = evidence
-    takes = e.share >= rules.PARTLY_SHARE and e.unseen >= rules.PARTLY_SHARE_UNSEEN
+    takes = e.share >= rules.EXPLAINS and e.unseen > 0.0
     return (
-        (takes or min(e.restored) >= rules.PARTLY_RESTORED)
-        and e.own > 0.5
-        and e.harm < rules.PARTLY_HARM
+        (takes or min(e.restored) >= rules.RESTORES)
+        and e.own > rules.MAIN
+        and e.harm < rules.TELLABLE
         and e.in_range
-        and e.line < rules.PARTLY_LINE
+        and e.line < rules.TELLABLE
     )
 
 
@@ -109,10 +109,10 @@ def share_of(before: Sequence[Array], after: Sequence[Array]) -> float:
 def tie_limit(other: RestFit, after: Sequence[Array], unseen: BalanceProblem) -> float:
     """Share by which another must be worse to be no tie; wider where it leaves less of the held-out runs than `after`."""
     share = share_of(after, start_fit_at(other.fit, unseen).misfit)
-    return rules.PARTLY_TIE_UNSEEN if share > 0.0 else rules.PARTLY_TIE
+    return rules.MAIN if share > 0.0 else rules.TELLABLE
 
 
-def worse(other: RestFit, rival: RestFit, rows: Sequence[int], limit: float = rules.PARTLY_TIE) -> bool:
+def worse(other: RestFit, rival: RestFit, rows: Sequence[int], limit: float = rules.TELLABLE) -> bool:
     """Does the other leave more in these rows, by more than the rest can hide?"""
     return more_of(other, rival, rows) > limit
 
@@ -173,7 +173,7 @@ def most_restored(sizes: Sequence[tuple[Array, Array, Array, Array]]) -> tuple[f
 def restored(before: Array, after: Array) -> float:
     """Share of the mean square above the noise that is gone from rows of these sizes; 0 where there is none."""
     above = [float(np.sum(np.maximum(sizes**2 - 1.0, 0.0))) for sizes in (before, after)]
-    return 1.0 - above[1] / above[0] if above[0] > rules.PARTLY_ABOVE_NOISE else 0.0
+    return 1.0 - above[1] / above[0] if above[0] > rules.TELLABLE else 0.0
 
 
 def least_remarkable(candidate: Candidate) -> float:

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import Candidate, to_value
 from hexsim.tracing.fitting.rest_evidence import least_remarkable
 from hexsim.tracing.fitting.rest_priors import prior_precision
 
 Array = np.ndarray
-HELPS = 0.9  # a coordinate hides a size that it leaves below this share of its error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ def hidden_of(bare: Fit, A: Array, candidate: Candidate, least: float) -> Hidden
     known = np.maximum(np.diag(C)[:-1], 1e-300)
     takes = C[-1, :-1] ** 2 / known  # of the variance, by each coordinate
     place = int(np.argmax(takes))
-    if takes[place] < (1.0 - HELPS**2) * C[-1, -1]:
+    if takes[place] < (1.0 - rules.SHARPENED**2) * C[-1, -1]:
         return Hidden(size=size, times=shown)
     keys = [prior.key for prior in bare.priors] + [c.label for c in bare.candidates for _ in c.free()]
     spare = takes[place] - (C[-1, -1] - 1.0 / least)  # variance of it that may stay, in shares of what it takes

@@ -19,6 +19,7 @@ from scipy.optimize import lsq_linear
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import lag_coordinates
 from hexsim.tracing.fitting.fit import (
+    KEPT,
     Fit,
     all_columns,
     answered,
@@ -34,13 +35,9 @@ from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, pr
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
-STEPS = 8  # of Gauss-Newton
 DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)  # of a step, tried in turn until J falls
-SPOOL_START = 0.2  # coordinate at which what vanishes at infinity starts: nothing can be differentiated at 0
-STARTS = (1.0, 0.4, 2.0)  # sizes at which an effect may begin, besides that of its column
-KEPT_PROMISE = 0.7  # share of what a column promises from which it is taken at its word
+STARTS = (1.0, rules.START, 2.0)  # sizes at which an effect may begin, besides that of its column
 LEAST_FALL = 1.0  # of J, for another step
-RENEWALS = 3  # of the columns
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,11 +115,11 @@ def start_rest_fit(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -
     if not lagging:
         return without
     return min(
-        without, refined(with_effects(without.fit, lagging, SPOOL_START, problem), problem), key=lambda own: own.cost
+        without, refined(with_effects(without.fit, lagging, rules.START, problem), problem), key=lambda own: own.cost
     )
 
 
-def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, steps: int = STEPS) -> RestFit:
+def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, steps: int = rules.MAX_STEPS) -> RestFit:
     """Gauss-Newton on J, weights of the rows anew at every step.
 
     columns: of all coordinates but the last effect's, kept as they are; without them all are made anew at every other step.
@@ -142,7 +139,7 @@ def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, s
 
 def renewed(found: RestFit, problem: FitProblem) -> RestFit:
     """A fit whose columns but the last effect's were kept, refitted with columns made anew until J falls no more."""
-    for _ in range(RENEWALS):
+    for _ in range(rules.FEW_STEPS):
         own = len(found.fit.candidates[-1].free())
         better = refined(found.fit, problem, [X[:-own] for X in all_columns(found.fit, problem)])
         fall, found = found.cost - better.cost, better
@@ -160,7 +157,7 @@ def without_lag(found: RestFit, problem: FitProblem) -> RestFit | None:
     for candidate, own in zip(fit.candidates, found.fit.values, strict=True):
         number = candidate.effect.parameters[0]
         lags = is_held(candidate) and np.isinf(number.neutral)
-        any_there |= lags and to_coordinate(number, own[number.name]) > 0.01
+        any_there |= lags and to_coordinate(number, own[number.name]) > rules.LEAST_STEP
         values.append(own | {number.name: number.neutral} if lags else own)
     if not any_there:
         return None
@@ -213,7 +210,7 @@ def sandwich(found: RestFit, problem: FitProblem) -> Array:
     fit, roots = found.fit, np.sqrt(row_weights(found.fit, problem))
     weighted = [roots[:, None] * r for r in fit.misfit]
     columns = [[roots[None, :, None] * X] for X in found.columns]
-    scores = scores_of(columns, weighted, problem, rules.PARTLY_BLOCK_S)
+    scores = scores_of(columns, weighted, problem, rules.REST_BLOCK_S)
     inverse = np.linalg.pinv(weighted_system(fit, found.columns, problem)[0], rcond=1e-12, hermitian=True)
     return inverse @ (scores.T @ scores + np.diag(prior_precision(fit))) @ inverse
 
@@ -258,7 +255,7 @@ def with_effect(
     side = -1.0 if size < 0.0 and candidate.effect.parameters[0].bounds[0] < 0.0 else 1.0
     slow, fit = problem.slow_alone(), begun_with(bare, candidate, start, problem)
     cost = cost_of(base.fit, slow)
-    if cost - cost_of(fit, slow) < KEPT_PROMISE * promised:
+    if cost - cost_of(fit, slow) < KEPT * promised:
         sizes = (size, *(side * start for start in (STARTS if least < 0.0 else STARTS[:1])))
         alone = [begun_with(bare, candidate, np.append(here, size), problem) for size in sizes]
         fit = min((fit, *alone), key=lambda fit: cost_of(fit, slow))

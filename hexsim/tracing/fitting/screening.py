@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, all_columns
 from hexsim.tracing.fitting.normal import fall_of, normal_equations
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
@@ -19,7 +20,6 @@ from hexsim.tracing.problems.problem import FitProblem
 Array = np.ndarray
 BATCH = 8  # variants simulated at once: memory
 SCREEN_STEP = 0.1  # size of the trial effect, in typical sizes
-SCREEN_STEP_INVERSE = 0.5  # the same for effects that vanish at infinity
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +39,7 @@ class Screened:
 def trial_size(candidate: Candidate) -> float:
     """Coordinate at which the column is taken."""
     parameter = candidate.effect.parameters[0]
-    step = SCREEN_STEP_INVERSE if np.isinf(parameter.neutral) else SCREEN_STEP
+    step = rules.START if np.isinf(parameter.neutral) else SCREEN_STEP
     low, high = coordinate_bounds(parameter)
     return min(step, high) if high > 0 else -min(step, -low)
 

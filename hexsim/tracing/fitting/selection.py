@@ -21,7 +21,7 @@ from hexsim.tracing.fitting.fit import (
     with_effects,
     without_effect,
 )
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
+from hexsim.tracing.fitting.parameters import Candidate
 from hexsim.tracing.fitting.screening import Screened, screen
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 
@@ -52,10 +52,10 @@ def scale_of(fit: Fit) -> float:
 
 
 def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screened]:
-    """The best shape of each effect and place, those with a gain that could matter, at most REFITTED_CANDIDATES.
+    """The best shape of each effect and place, those with a gain that could matter, at most twice FEW.
 
     The column of an effect with more than one number is taken at one shape and promises the least that a refit takes:
-    SHAPES_REFITTED more of them, where anything reaches the alarm.
+    FEW more of them, where anything reaches the alarm.
     """
     best: dict[str, Screened] = {}
     for line in lines:
@@ -65,16 +65,16 @@ def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screene
     ranked = sorted(best.values(), key=lambda line: -line.gain_chi2)
     if not ranked or ranked[0].gain_chi2 <= alarm * scale:
         return []
-    few = rules.REFIT_GAIN_SHARE * ranked[0].gain_chi2
-    worth = [line for line in ranked if line.gain_chi2 > max(alarm * scale, few)][: rules.REFITTED_CANDIDATES]
+    few = rules.TELLABLE * ranked[0].gain_chi2
+    worth = [line for line in ranked if line.gain_chi2 > max(alarm * scale, few)][: 2 * rules.FEW]
     shaped = [line for line in ranked if line.gain_chi2 > few and len(line.candidate.free()) > 1 and line not in worth]
-    return worth + shaped[: rules.SHAPES_REFITTED]
+    return worth + shaped[: rules.FEW]
 
 
 def bending(lines: list[Screened], listed: list[Screened]) -> list[Screened]:
     """Those whose gain no linear column tells, half a typical size to start with."""
     others = [line for line in lines if line.candidate.effect.nonlinear_response and line not in listed]
-    return [replace(line, size=rules.NONLINEAR_START_SIZE) for line in others]
+    return [replace(line, size=rules.START) for line in others]
 
 
 def may_reach(line: Screened, fit: Fit, left: float) -> bool:
@@ -93,7 +93,7 @@ def cut(fit: Fit, whole: FitProblem, part: FitProblem) -> Fit:
 
 def try_candidate(fit: Fit, candidate: Candidate, size: float, problem: FitProblem, steps: int) -> Fit | None:
     """The fit with the candidate added at about this size and refined; None when no size of it simulates."""
-    size = float(np.clip(size, -rules.START_SIZE, rules.START_SIZE)) or 0.1
+    size = float(np.clip(size, -rules.LARGEST_START, rules.LARGEST_START)) or 0.1
     for shrink in (1.0, 0.3, 0.1, 0.03):
         grown = with_effects(fit, [candidate], size * shrink, problem)
         if np.isfinite(grown.chi2):
@@ -114,29 +114,27 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
     lines = screen(fit, candidates, problem, lambda n: tick("screening"))
     listed = shortlist(lines, scale_of(fit), rules.alarm(fit.n))
     promised = max((line.gain_chi2 for line in listed), default=0.0)
-    if not listed or (fit.candidates and promised < 0.5 * least_gain * (fit.chi2 - fit.n)):
+    if not listed or (fit.candidates and promised < rules.MAIN * least_gain * (fit.chi2 - fit.n)):
         return Stage(lines=lines, rivals=[])
-    head = problem.head(rules.TRIAGE_S)
+    head = problem.head(rules.OPENING_S)
     short = cut(fit, problem, head)
     tick("refitting rivals")
 
     def tried_with(some: list[Screened]) -> list[Fit]:
-        found = in_parallel(
-            lambda line: try_candidate(short, line.candidate, line.size, head, rules.TRIAGE_STEPS), some
-        )
+        found = in_parallel(lambda line: try_candidate(short, line.candidate, line.size, head, rules.FEW_STEPS), some)
         return [rival for rival in found if rival is not None]
 
     quick = tried_with(listed)
     if not fit.candidates:
         left = min((rival.chi2 / rival.n for rival in quick), default=np.inf)
-        quick += tried_with([line for line in bending(lines, listed) if may_reach(line, fit, rules.QUICK_RATIO * left)])
+        quick += tried_with([line for line in bending(lines, listed) if may_reach(line, fit, rules.NEAR * left)])
     quick.sort(key=lambda rival: rival.chi2)
-    near = [rival for rival in quick[: rules.FINALISTS] if rival.chi2 <= rules.QUICK_RATIO * quick[0].chi2]
+    near = [rival for rival in quick[: rules.FEW] if rival.chi2 <= rules.NEAR * quick[0].chi2]
     tried = in_parallel(lambda rival: refine(parameter_columns(rival, head), head, fresh=True), near)
     tried.sort(key=lambda rival: rival.chi2)
     if head is problem:
         return Stage(lines=lines, rivals=ranked(tried, head))
-    finalists = [rival for rival in tried if rival.chi2 <= rules.FINALIST_RATIO * tried[0].chi2]
+    finalists = [rival for rival in tried if rival.chi2 <= rules.NEAR * tried[0].chi2]
     rivals = in_parallel(lambda rival: refine(start_fit_at(rival, problem), problem, fresh=True), finalists)
     return Stage(lines=lines, rivals=ranked(rivals, problem))
 
@@ -149,7 +147,7 @@ def ranked(rivals: list[Fit], problem: FitProblem) -> list[Fit]:
 def named_first(rivals: list[Fit]) -> list[Fit]:
     """Of a tie at the top, a physical cause before one that stands for any cause of its form."""
     for k, rival in enumerate(rivals):
-        tie = information(rival) - information(rivals[0]) < rules.TIE_CHI2 * scale_of(rivals[0])
+        tie = information(rival) - information(rivals[0]) < rules.SIGNIFICANT * scale_of(rivals[0])
         if tie and not rival.candidates[-1].effect.generic:
             return [rival, *rivals[:k], *rivals[k + 1 :]]
     return rivals
@@ -180,7 +178,7 @@ def pruned(fit: Fit, problem: FitProblem) -> Fit:
         most = fit.chi2 + rules.alarm(fit.n) * scale_of(fit)
 
         def worth(less: Fit, promise: float, most: float = most) -> bool:
-            return np.sqrt(less.chi2) - np.sqrt(rules.PROMISE_MARGIN * promise) < np.sqrt(most)
+            return np.sqrt(less.chi2) - np.sqrt(rules.NEAR * promise) < np.sqrt(most)
 
         less = refine(start_fit_at(without_effect(fit, k), problem), problem, fresh=True, worth=worth)
         if less.chi2 < most:
@@ -199,15 +197,13 @@ def inert(fit: Fit, problem: FitProblem, least: float = 1.0) -> bool:
     size = fit.candidates[-1].effect.parameters[0]
     if not np.isinf(size.neutral):
         return False
-    if abs(to_coordinate(size, fit.values[-1][size.name])) < rules.NEGLIGIBLE_SHARE:
-        return True
     unbound = (*fit.values[:-1], fit.values[-1] | {size.name: size.bounds[1]})
     return answered(replace(fit, values=unbound), problem).chi2 - fit.chi2 < least * scale_of(fit)
 
 
 def noise_reached(fit: Fit) -> bool:
-    """Is chi2 a sample at the noise?"""
-    return fit.reduced < rules.NOISE_REDUCED
+    """Is nothing but noise left?"""
+    return residual_at_noise_level(fit.misfit)
 
 
 def search(
@@ -216,7 +212,7 @@ def search(
     problem: FitProblem,
     tick: Tick = lambda step: None,
     done: Callable[[Fit], bool] = noise_reached,
-    least_gain: float = rules.LEAST_GAIN,
+    least_gain: float = rules.SLIGHT,
     most: int = rules.MOST_EFFECTS,
     begun: Search | None = None,
 ) -> Search:
@@ -231,7 +227,7 @@ def search(
         if not stage.rivals:
             return found
         best = stage.rivals[0]
-        excess = max(found.best.chi2 - found.best.n, rules.ALARM_CHI2)
+        excess = max(found.best.chi2 - found.best.n, rules.SIGNIFICANT)
         gain = found.best.chi2 - best.chi2
         if gain < rules.alarm(best.n) * scale_of(best) or gain < least_gain * excess:
             return found

@@ -24,16 +24,15 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from hexsim.inference.verdict import needed
+from hexsim.tracing import rules
 from hexsim.tracing.term_columns import PARTS, OwnBalance, Point, RunData, run_data
 from hexsim.tracing.term_selection import residual, rms, solve_physical
 
 Array = np.ndarray
 Sentences = dict[str, dict[str, str]]  # of a run and a channel
-MUCH = 0.1  # share of the residual that a candidate of the other sign must take to be said: three times what a term must earn
-MOVED = 3.0  # standard errors
-CLEARLY = 10.0  # of the Bayesian information criterion, by which delays of parts must be better than one of the run
-STEP_SAMPLES = 0.5  # of finite differences
 MOST_S = 1.0  # [s] that balances move a channel by
+STEP_SAMPLES = 0.5  # of finite differences
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +55,7 @@ class Fit:
 
     def moved(self, before: Array) -> set[str]:
         """Channels that are elsewhere than before by three standard errors, in some run."""
-        far = np.abs(self.seconds - before) > MOVED * self.errors
+        far = np.abs(self.seconds - before) > rules.ERRORS * self.errors
         return {late.channel for late, own in zip(self.lates, far, strict=True) if own}
 
 
@@ -187,7 +186,7 @@ def refined(
         finer = unknowns(fit, channels, split)
         start = [found.seconds[lates.index(replace(one, parts=tuple(range(PARTS))))] for one in finer]
         parts = problem.fit(finer, np.array(start))
-        found = parts if parts.criterion < found.criterion - CLEARLY else found
+        found = parts if parts.criterion < found.criterion - 2.0 * needed(1) else found
     signs |= other_signs(problem, found)
     moved = found.moved(starts(fit, found.lates))
     if not moved:
@@ -215,7 +214,7 @@ def other_signs(problem: Problem, found: Fit) -> dict[str, list[str]]:
             best = trial.fit(found.lates, found.seconds)
             place = len(balance.terms) + freed.index(next(own for own in freed if own.name == one.name))
             value, taken = trial.rests(best.lates, best.seconds)[1][k][place], 1.0 - trial.squares(best)[k] / before[k]
-            if value * one.sign < 0.0 and taken >= MUCH:
+            if value * one.sign < 0.0 and taken >= rules.TELLABLE:
                 shift = 1e3 * float(np.median(best.seconds - found.seconds))
                 said.setdefault(balance.name, []).append(
                     f"with the other sign {one.name} would take {taken:.0%} of the residual's mean square ({value:.3g} {one.unit}, "

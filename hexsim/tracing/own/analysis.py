@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.inference.notebook import Notebook
-from hexsim.tracing.own.alignment import MUCH
+from hexsim.inference.verdict import AT
+from hexsim.tracing import rules
 from hexsim.tracing.own.events import Event, events, said
 from hexsim.tracing.own.folder import OwnMachine
 from hexsim.tracing.term_columns import OwnBalance, Point, RunData, outside, run_data
@@ -17,12 +18,7 @@ from hexsim.tracing.term_regression import OwnVerdict, numbers, trace_own
 from hexsim.tracing.term_selection import Chosen, best_placed, losses_of, placed, residual, rms, solve
 
 Array = np.ndarray
-FAR = 2.0  # standard deviations of its declaration beyond which a fitted number is remarked
-WORSE = 1.005  # a refit that leaves more than this share of the declaration's residual is said: less is chance
 HELD = 1e-6  # relative uncertainty of a term that is held to its declaration
-SEEN = 3.0  # standard errors that an effect must have to be seen
-EXTREME = 0.03  # of the samples at either end of a signal
-EXTREME_SIGMA = 4.0  # standard errors: two ends of every signal are asked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,19 +102,21 @@ def remarks_of(balance: OwnBalance, verdict: OwnVerdict, held_out: dict[str, dic
         value, error = verdict.coefficients[term.name]
         if term.declared is not None and term.uncertainty > 0:
             off = (value - term.declared) / term.uncertainty
-            if abs(off) > FAR:
+            if abs(off) > AT:
                 size = f"{value:.4g} +- {error:.2g} {term.unit}".removesuffix(" 1")
                 found.append(
                     f"{term.name} is {size}, {abs(off):.1f} standard deviations from the declared {term.declared:.4g}"
                 )
     for fold in verdict.folds:
-        if fold.refit > WORSE * fold.declared:
+        if fold.refit > (1.0 + rules.MODEL_SHARE) * fold.declared:
             found.append(
                 f"on run {fold.held_out} the refit is worse than the declaration: {fold.declared:.3g} -> {fold.refit:.3g} "
                 f"{balance.unit}"
             )
     for run, row in held_out.items():
-        if row["refit"] > WORSE * row["declared"] and any(term.declared is not None for term in balance.terms):
+        if row["refit"] > (1.0 + rules.MODEL_SHARE) * row["declared"] and any(
+            term.declared is not None for term in balance.terms
+        ):
             found.append(
                 f"on held-out run {run} the refit is worse than the declaration: {row['declared']:.3g} -> "
                 f"{row['refit']:.3g} {balance.unit}"
@@ -157,7 +155,7 @@ def other_signs(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) ->
     for one, side, left, freed, trial, k in found:
         value = solve(freed, runs, trial)[k]
         taken = 1.0 - mean_loss(freed, runs, trial) / max(left, 1e-300)
-        if value * side < 0.0 and taken >= MUCH:
+        if value * side < 0.0 and taken >= rules.TELLABLE:
             size = f"{value:.3g} {one.unit}".removesuffix(" 1")
             said.append(
                 f"with the other sign {one.name} would take {taken:.0%} of the residual's mean square ({size}): check the sign of "
@@ -180,7 +178,7 @@ def traded(balance: OwnBalance, runs: Sequence[RunData], verdict: OwnVerdict) ->
         moved = numbers(balance, runs, (*verdict.terms, placed(balance, runs, verdict.terms, tied)))
         for term in verdict.terms:
             (value, error), (other, wide) = verdict.coefficients[term.name], moved[term.name]
-            if abs(other - value) > FAR * error:
+            if abs(other - value) > AT * error:
                 found.append(
                     f"{term.name} would be {other:.4g} +- {wide:.2g} {term.unit} if {tied.name} acted as well: they are tied"
                 )
@@ -205,7 +203,7 @@ def detectable(
         x = np.concatenate([run.column(term) for run in runs])
         own = outside(x, base) if base.shape[1] else 1.0
         if own > 1e-6:
-            found[term.name] = (SEEN * size / (math.sqrt(independent) * rms(x) * own), term.unit)
+            found[term.name] = (rules.ERRORS * size / (math.sqrt(independent) * rms(x) * own), term.unit)
     return found
 
 
@@ -225,12 +223,12 @@ def extremes(runs: Sequence[RunData], left: Sequence[Array]) -> list[str]:
     """Signals at whose ends the rest lies elsewhere than in the middle: what acts in a few samples only.
 
     The ends are the 3 % at either side; in every run that reaches them the shift must have one sign, and over occasions
-    be EXTREME_SIGMA standard errors from nothing.
+    be five standard errors from nothing.
     """
     found: list[tuple[float, str]] = []
     rest = rms(np.concatenate(left))
     for name in sorted(set.intersection(*(set(run.signals) for run in runs)) - {"time_s"}):
-        low, high = np.quantile(np.concatenate([run.signals[name] for run in runs]), [EXTREME, 1.0 - EXTREME])
+        low, high = np.quantile(np.concatenate([run.signals[name] for run in runs]), [rules.SLIGHT, 1.0 - rules.SLIGHT])
         for word, limit, side in (("above", high, 1.0), ("below", low, -1.0)):
             means = []
             for run, own in zip(runs, left, strict=True):
@@ -241,7 +239,7 @@ def extremes(runs: Sequence[RunData], left: Sequence[Array]) -> list[str]:
             if len(means) < 6:
                 continue
             shift, error = float(np.mean(means)), float(np.std(means, ddof=1)) / math.sqrt(len(means))
-            if abs(shift) > EXTREME_SIGMA * error and abs(shift) > rest:
+            if abs(shift) > math.sqrt(rules.SIGNIFICANT) * error and abs(shift) > rest:
                 text = f"{word} {limit:.4g} of {name} (3 % of the samples, {len(means)} occasions) the rest is {shift:+.3g}"
                 found.append((-abs(shift) / max(error, 1e-300), f"{text} +- {error:.2g}"))
     return [text for _, text in sorted(found)[:3]]

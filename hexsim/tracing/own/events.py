@@ -11,9 +11,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.signal import find_peaks
 
+from hexsim.tracing import rules
+
 Array = np.ndarray
 CLEAR = 8.0  # times the usual difference of two means: a change of level
-LEVEL = 0.5  # of the largest change: a level further from the usual one is an event
 MOST = 200  # events: more of them are no events
 
 
@@ -46,7 +47,7 @@ def events(time: Array, residual: Array, half: int) -> list[Event]:
     inner = [residual[a + 2 * half : b - 2 * half] for a, b in zip(edges[:-1], edges[1:], strict=True)]
     levels = np.array([np.median(x) if len(x) else np.nan for x in inner])
     base = base_level(levels, np.diff(edges))
-    least = LEVEL * float(np.max(np.abs(change[peaks])))
+    least = rules.MAIN * float(np.max(np.abs(change[peaks])))
     return [
         Event(start_s=float(time[edges[k]]), stop_s=float(time[min(edges[k + 1], n - 1)]), size=float(level - base))
         for k, level in enumerate(levels)

@@ -22,13 +22,13 @@ from hexsim.readers import log_files
 from hexsim.readers.files import logs_of_folder
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
+from hexsim.tracing import rules
 from hexsim.tracing.own.alignment import Sentences, refined
 from hexsim.tracing.own.expressions import formula, plain
 from hexsim.tracing.term_columns import OwnBalance, Point, Term, aligned, by_delay
 
 MODULE = "balances.py"
 LEAST_RUNS = 3  # to hold one out twice
-PARTS = 6  # that fewer runs are cut into
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,10 +114,10 @@ def in_parts(points: Sequence[Point], sentences: dict[str, list[str]]) -> tuple[
     for point in points:
         n, name = len(point.log.time), point.log.name
         sentences[name].append(
-            f"{len(points)} runs are too few to hold one out twice: {name} is cut into {PARTS} parts"
+            f"{len(points)} runs are too few to hold one out twice: {name} is cut into {rules.FOLDS} parts"
         )
-        for k in range(PARTS):
-            rows = slice(k * n // PARTS, (k + 1) * n // PARTS)
+        for k in range(rules.FOLDS):
+            rows = slice(k * n // rules.FOLDS, (k + 1) * n // rules.FOLDS)
             whole = Log(name=f"{name} part {k + 1}", kind=point.log.kind, time=point.log.time, rate=point.log.rate,
                         columns=point.log.columns, repaired=point.log.repaired)  # fmt: skip
             found.append(Point(log=whole, window=point.window, short=point.short, shifts_s=point.shifts_s, rows=rows))

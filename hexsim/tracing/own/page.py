@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import legend, new_figure, png, styled
+from hexsim.recording.figure_style import MOST_POINTS, legend, new_figure, png, styled
 from hexsim.recording.page import (
     EMPTY,
     Column,
@@ -34,7 +34,6 @@ from hexsim.tracing.own.analysis import OwnTrace
 from hexsim.tracing.own.folder import OwnMachine
 
 SHOWN_S = 30.0  # of a run
-MOST_POINTS = 4000  # of a line: more than a page has pixels
 WIDE = 30.0  # largest by smallest bar beyond which the axis is logarithmic
 NOTHING_MISSING = "nothing missing"
 VERDICTS = ("explained in part", "unexplained", NOTHING_MISSING)  # how a balance's verdict begins

@@ -104,7 +104,7 @@ class SimulatedProblem(FitProblem):
         """The problem with what no simulation can know: the answer's spread when what drives the model is off a little.
 
         A slow passage with falling friction makes any difference grow, a hundredfold at some machines: there a log says
-        nothing about a model. The declared loop's setpoints are off by INPUT_SHARE of the position's noise. Where logged
+        nothing about a model. The declared loop's setpoints are off by the position's noise. Where logged
         volts drive the model, they are off by their resolution and the position by its noise. Oil that rings as a log begins
         rings in another phase.
         """
@@ -114,11 +114,11 @@ class SimulatedProblem(FitProblem):
         jobs = [(i, seed) for i in range(len(self.logs)) for seed in range(rules.INPUT_SEEDS)]
         plain = in_parallel(lambda i: bare.answer(machine, i), range(len(self.logs)))
         spreads = in_parallel(lambda job: (bare._disturbed(machine, *job) - plain[job[0]]) ** 2, jobs)
-        margin = rules.LOGGED_VOLTS_MARGIN if self.feedback == LOGGED_VOLTS else 1.0
+        margin = rules.VIOLATED if self.feedback == LOGGED_VOLTS else 1.0
         spread = []
         for i, log in enumerate(self.logs):
             own = [square for (k, _), square in zip(jobs, spreads, strict=True) if k == i]
-            width = max(int(rules.INPUT_WINDOW_S * log.rate), 1)
+            width = max(int(rules.SPREAD_S * log.rate), 1)
             mean = uniform_filter1d(np.nan_to_num(np.mean(own, axis=0)), width, axis=1, mode="nearest")
             spread.append(margin * np.sqrt(np.maximum(mean, 0.0)))
         return replace(self, input_uncertainty=tuple(spread))
@@ -130,7 +130,7 @@ class SimulatedProblem(FitProblem):
         noise = self.noise["position_m"] * rng.standard_normal(log.position.shape)
         if self.feedback != LOGGED_VOLTS:
             assert log.setpoint is not None
-            off = replace(log, setpoint=log.setpoint + rules.INPUT_SHARE * noise)
+            off = replace(log, setpoint=log.setpoint + noise)
         else:
             assert log.volts is not None
             ticks = max(round(log.rate / machine.controller.rate_Hz), 1)

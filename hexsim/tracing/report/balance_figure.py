@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from hexsim.declaration import Machine
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, legend_above, png, styled
+from hexsim.recording.figure_style import MOST_POINTS, WIDTH_IN, legend_above, png, styled
 from hexsim.recording.quantity import scale_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named, family, library
@@ -24,8 +24,6 @@ from hexsim.tracing.steps.residuals import THIN, kept, signals_of, unexplained_o
 Array = np.ndarray
 NULL_BAND = "#E7EFF6"
 DIRECTIONS = {"extending": ("#56B4E9", "#004D7A"), "retracting": ("#F2B97F", "#9C3D00")}  # points, curve
-MOST_POINTS = 4000  # a panel
-LEAST_R2 = 0.5  # of a dependence that is drawn in place of the balance's usual signal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +45,7 @@ def explained_by(result: Trace, line: Violation) -> Explained:
         return Explained(signal=balance.usual_signal, form="plain")
     rest = known[0] if known else unexplained_of(balance, line, logs)
     found = rest.dependence
-    if found.r2_cv < LEAST_R2:
+    if found.r2_cv < rules.MAIN:
         return Explained(signal=balance.usual_signal, form="plain")
     return Explained(
         signal="time_s" if found.form == "tone" else found.signal, form=found.form, frequency_Hz=found.frequency_Hz,

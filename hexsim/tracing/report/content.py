@@ -21,8 +21,6 @@ from hexsim.tracing.report.page import report_page
 from hexsim.tracing.report.trades import trade_entries
 from hexsim.tracing.state import NamedEffect, Reading, Trace, UnexplainedResidual, Violation
 
-WORSE = 1.1  # times its rms as declared: a held-out signal that the refit makes worse
-
 
 def finite(x: float | None) -> float | None:
     """A number that JSON knows."""
@@ -77,7 +75,7 @@ def remarks(result: Trace) -> list[str]:
         worse = {
             name: row["refit"] / max(row["declared"], 1e-300)
             for name, row in channels.items()
-            if row["refit"] > max(WORSE * row["declared"], WORSE * row["noise"])
+            if row["refit"] > (1.0 + rules.TELLABLE) * max(row["declared"], row["noise"])
         }
         if worse:
             name = max(worse, key=lambda one: worse[one])

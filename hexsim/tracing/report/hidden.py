@@ -9,9 +9,6 @@ from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.fitting.rest_hidden import Hidden
 from hexsim.tracing.state import Trace
 
-MOST = 4  # sentences
-KNOWN_WELL = 5e-3  # of a parameter: hardly anybody measures it better
-
 
 def would_show(result: Trace) -> list[str]:
     """A sentence for each effect that may have its typical size unseen, that beside a parameter at its limit first.
@@ -24,7 +21,7 @@ def would_show(result: Trace) -> list[str]:
     at_limit = {prior.key for prior in result.final.priors if abs(shifts[prior.key]) > 0.999 * prior.half_width}
     physical = [pair for pair in covered if not named(pair[0]).effect.generic]
     first = sorted(physical, key=lambda pair: (pair[1].by not in at_limit, not pair[1].known_to, -pair[1].times))
-    return [sentence(name, own, result) for name, own in first[:MOST]]
+    return [sentence(name, own, result) for name, own in first[: rules.FEW]]
 
 
 def sentence(name: str, covered: Hidden, result: Trace) -> str:
@@ -40,7 +37,7 @@ def sentence(name: str, covered: Hidden, result: Trace) -> str:
         width = result.machine.uncertainty[covered.by]
         said += f": {by}, declared to {100 * width:.2g} %, does nearly the same"
         needed = f"known to {100 * width * covered.known_to:.2g} %"
-        measurable = width * covered.known_to > KNOWN_WELL
+        measurable = width * covered.known_to > rules.KNOWN
     else:
         ordinary = rules.ORDINARY.get(covered.by)
         unit = named(covered.by).effect.parameters[0].unit

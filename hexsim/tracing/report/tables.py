@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from hexsim.recording.page import Column, code, join, note, table
+from hexsim.recording.page import MOST_ROWS, Column, code, join, note, table
 from hexsim.recording.quantity import plain, quantity, split_key, with_error
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
@@ -19,7 +19,6 @@ from hexsim.tracing.report.readings import numbers_of, term_sentence, total_sent
 from hexsim.tracing.report.signals import SIGNALS, channel_words
 from hexsim.tracing.state import Trace, Violation
 
-MOST_ROWS = 12  # of a table; what is beyond folds away
 FORMS = {
     "plain": "a curve over the {}",
     "direction": "a curve over the {} for each direction of motion",

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, png, styled
 from hexsim.recording.quantity import scale_of, split_key
+from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.fitted_numbers import Number, numbers_of
 from hexsim.tracing.state import Trace
@@ -20,8 +21,6 @@ CAPTION = (
     "Which numbers trade? Pairs with a correlation beyond 0.9: the runs know a combination of the two better than each. "
     "Inside: one standard error of both together, outside two."
 )
-LEAST_CORRELATION = 0.9  # of two numbers that trade
-MOST_DRAWN = 6  # pairs: two rows of panels
 ACROSS = 3  # panels a row
 
 
@@ -36,7 +35,7 @@ def trades(fit: Fit, named: Sequence[str]) -> list[tuple[Number, Number, float]]
             assert fit.covariance is not None
             shared = float(fit.covariance[one.place, other.place]) * one.slope * other.slope
             r = shared / (one.standard_error * other.standard_error)
-            if abs(r) > LEAST_CORRELATION:
+            if abs(r) > rules.TRADES:
                 found.append((one, other, r) if one.named else (other, one, r))
     return sorted(found, key=lambda pair: -abs(pair[2]))
 
@@ -57,7 +56,7 @@ def trade_entries(result: Trace) -> list[dict[str, Any]]:
 @styled
 def pairs(result: Trace) -> bytes:
     """A panel a pair: the fitted point, and where both are with one and with two standard errors."""
-    shown = trades_of(result)[:MOST_DRAWN]
+    shown = trades_of(result)[: 2 * ACROSS]
     rows = -(-len(shown) // ACROSS)
     figure = Figure(figsize=(WIDTH_IN, 0.2 + 2.7 * rows), layout="constrained")
     axes = figure.subplots(rows, ACROSS, squeeze=False).ravel()

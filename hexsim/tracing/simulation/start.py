@@ -1,7 +1,7 @@
 """The state in which a simulation of a log begins: load, pressures, supply.
 
 Both pressures of a leg with two chambers on the valve are states that no load fixes. They begin as measured, and are
-then corrected by SHOTS steps of single shooting over the first SHOT_S of the log, all along the slopes of the first: the
+then corrected by a few steps of single shooting over the first SHOT_S of the log, all along the slopes of the first: the
 pressures to which the model answers best there. So a log may begin in any transient.
 """
 
@@ -22,20 +22,18 @@ from hexsim.mechanics.rigid_body import joint_wrenches, ride_wrench
 from hexsim.signals.channels import COMPARED
 from hexsim.signals.log import Log
 from hexsim.signals.table import table
+from hexsim.signals.weak_form import HALF_WIDTH_S
+from hexsim.tracing import rules
 from hexsim.tracing.simulation import closed_loop as loop
 from hexsim.tracing.simulation import motion
 from hexsim.tracing.simulation.rig import Rig
 
 Array = np.ndarray
 REST_M = 2.0e-5  # [m] a log that begins this near its setpoint begins at rest
-START_S = 0.02  # [s] of the log that give position, speed and pressures at its beginning
 SHOT_S = 0.4  # [s] of the log that correct the pressures
-SHOTS = 3  # corrections of the pressures
 SHOT_Pa = 1.0e3  # finite difference of a start pressure: ten times wider, the answer bends and the steps fall short
-RINGING_S = 0.1  # [s] of the log that tell whether its oil rings as it begins
 RINGING, CURVE = 2.0, 6  # times the noise, from which it does; order of the curve that is no ringing, up to 30 Hz
 UNKNOWN_Pa = 1.0e6  # what a start pressure may be off by that is not measured
-SHOT_NOISE = 3.0  # what the first START_S may be off by, in units of the pressures' noise
 
 
 def start_of(log: Log, gain: Array, offset: Array) -> tuple[Array, Array]:
@@ -46,7 +44,7 @@ def start_of(log: Log, gain: Array, offset: Array) -> tuple[Array, Array]:
     first = log.position[:, :2].mean(axis=1)
     if log.setpoint is not None and np.all(np.abs(log.setpoint[:, 0] - first) < REST_M):
         return (log.setpoint[:, 0] - offset) / gain, np.zeros(log.n_legs)
-    head = max(int(START_S * log.rate), 4)
+    head = max(int(HALF_WIDTH_S * log.rate), 4)
     speed, first = np.polyfit(log.time[:head] - log.time[0], log.position[:, :head].T, 1)
     return (first - offset) / gain, speed / gain
 
@@ -82,7 +80,7 @@ def measured_start(rig: Rig, log: Log) -> dict[str, Array]:
 
     Without what the log does not show: a channel that is missing, or that stands at zero.
     """
-    head, one = max(int(START_S * log.rate), 4), np.array([[rig.sensors.supply_gain, 0.0]])
+    head, one = max(int(HALF_WIDTH_S * log.rate), 4), np.array([[rig.sensors.supply_gain, 0.0]])
     shown = {
         "pressure_bottom": rig.sensors.pressure, "pressure_top": rig.sensors.top,
         "pressure_difference": np.tile([1.0, 0.0], (log.n_legs, 1)), "pressure_supply": one,
@@ -97,11 +95,11 @@ def measured_start(rig: Rig, log: Log) -> dict[str, Array]:
 
 
 def ringing_Pa(log: Log, noise_Pa: float) -> Array:
-    """Rms (n_legs,) of the pressures at the bottom about a smooth curve over their first RINGING_S, beyond noise; 0 where
+    """Rms (n_legs,) of the pressures at the bottom about a smooth curve over their first tenth of a second, beyond noise; 0 where
     that is hardly more than noise. The start state is without it: of oil that rings no start tells the phase."""
     if log.pressure is None:
         return np.zeros(log.n_legs)
-    n = max(int(RINGING_S * log.rate), 2 * CURVE)
+    n = max(int(rules.SPREAD_S * log.rate), 2 * CURVE)
     basis = np.vander(np.linspace(-1.0, 1.0, n), CURVE + 1)
     first = log.pressure[:, :n].T
     square = np.sum((first - basis @ np.linalg.lstsq(basis, first)[0]) ** 2, axis=0) / (n - CURVE - 1)
@@ -180,13 +178,13 @@ def shot(rig: Rig, inputs: loop.Inputs, state: Array, log: Log, noise: Mapping[s
     steps = np.zeros((len(places), len(state)))
     steps[range(len(places)), places] = SHOT_Pa
     both = "pressure_bottom" in shown and "pressure_top" in shown
-    open_Pa = SHOT_NOISE * noise["pressure_bottom_Pa"] if both else UNKNOWN_Pa
+    open_Pa = rules.ERRORS * noise["pressure_bottom_Pa"] if both else UNKNOWN_Pa
     weak, moved = (SHOT_Pa / open_Pa) ** 2 * np.eye(len(places)), np.zeros(len(places))
     rest = off(state)
     columns = np.array([rest - off(state + step) for step in steps])
     if not np.isfinite(columns).all():
         return state
-    for _ in range(SHOTS):
+    for _ in range(rules.FEW):
         moved += np.linalg.solve(columns @ columns.T + weak, columns @ rest - weak @ moved)
         rest = off(state + moved @ steps)
         if not np.isfinite(rest).all():

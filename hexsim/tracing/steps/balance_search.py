@@ -15,6 +15,7 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
+from hexsim.signals.weak_form import HALF_WIDTH_S, WIDE_S
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.balances.continuity import FastContinuity, fast_rate, mean_capacity
@@ -27,8 +28,6 @@ from hexsim.tracing.state import Step, Tell, Trace, Violation
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
-INDEPENDENT_S = 0.02  # [s] half the balances' window: samples so far apart are about independent
-FAST_REST_S = 0.04  # [s] whole width of the window that takes off what is slower
 
 
 def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine: Machine) -> BalanceProblem:
@@ -44,7 +43,7 @@ def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine
         clean = tuple(np.nan_to_num(used(own, balance.residual(own, machine))) for own in quiet)
         rows = tuple(range(len(balance.places(log))))
         parts.append(BalanceRows(balance=balance, sigma=sigma, rows=rows, clean=clean))
-    return BalanceProblem(logs=problem.logs, parts=tuple(parts), thin_s=INDEPENDENT_S)
+    return BalanceProblem(logs=problem.logs, parts=tuple(parts), thin_s=HALF_WIDTH_S)
 
 
 def with_fast_rows(joint: BalanceProblem, problem: SimulatedProblem, machine: Machine) -> BalanceProblem:
@@ -66,7 +65,7 @@ def with_fast_rows(joint: BalanceProblem, problem: SimulatedProblem, machine: Ma
         return joint
     fast = FastContinuity(float(np.sqrt(max(whole**2 - (capacity * rate) ** 2, 0.01 * whole**2))), rate)
     clean = tuple(np.nan_to_num(used(log, fast.residual(log, machine))) for log in quiet)
-    part = BalanceRows(balance=fast, sigma=np.ones(1), rows=(0,), clean=clean, rest_time_s=FAST_REST_S)
+    part = BalanceRows(balance=fast, sigma=np.ones(1), rows=(0,), clean=clean, rest_time_s=WIDE_S)
     return replace(joint, parts=(*joint.parts, part))
 
 
@@ -107,7 +106,7 @@ def gone_on(found: Search, trace: Trace) -> Search | None:
 
 def restored(fit: Fit) -> bool:
     """Does every row of every balance hold again?"""
-    return all(np.all(np.sqrt(np.mean(m**2, axis=1)) < rules.RESTORED) for m in fit.misfit)
+    return all(np.all(np.sqrt(np.mean(m**2, axis=1)) < rules.VIOLATED) for m in fit.misfit)
 
 
 STEP = Step(

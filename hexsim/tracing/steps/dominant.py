@@ -45,9 +45,6 @@ from hexsim.tracing.steps.verdict import held_out_gains, named_effect
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
-LARGEST_START = 3.0  # coordinate
-REFIT_STEPS = 4  # of Gauss-Newton, of a hypothesis that begins where the balances left it
-NEAREST = 3  # rivals that are refitted with all columns anew, and ties that are kept, the best first
 Job = tuple[float, Candidate, Array]  # what the column promises, the effect, the coordinates to begin with
 
 
@@ -69,7 +66,7 @@ def rivals_of(
         if job[0] > asked.get(candidate.label, (-np.inf,))[0]:
             asked[candidate.label] = job
     jobs = worth_a_refit(list(asked.values()), bending=not named_already)
-    least = rules.PARTLY_PROMISE * least_fall(problem)
+    least = rules.MAIN * least_fall(problem)
 
     def tried_with(job: Job) -> RestFit | None:
         promised, candidate, start = job
@@ -97,7 +94,7 @@ def promise_of(
         alone, promised = rest_level.asked_for(bare, rest_level.weighted_system(bare, grown, slow), bounds)
         start, fall = (alone, promised) if promised > fall else (start, fall)
     here = np.append(coordinates_of(bare), 0.0)
-    start = here + (start - here) * min(1.0, LARGEST_START / max(abs(start[-1]), 1e-9))
+    start = here + (start - here) * min(1.0, rules.LARGEST_START / max(abs(start[-1]), 1e-9))
     start[-1] = start[-1] or 0.1
     if acts_late(candidate):
         typical = np.append(here[:-1], rest_level.STARTS[0])
@@ -116,12 +113,12 @@ def worth_a_refit(asked: Sequence[Job], bending: bool) -> list[Job]:
             first.setdefault(job[1].effect.name, (np.inf, *job[1:]))
     labels = {candidate.label for _, candidate, _ in first.values()}
     others = [job for job in ranked if job[1].label not in labels]
-    return [*first.values(), *others][: rules.PARTLY_REFITTED]
+    return [*first.values(), *others][: 4 * rules.FEW]
 
 
 def least_fall(problem: BalanceProblem) -> float:
     """Fall of J by an effect that takes the least share."""
-    return -rest_level.independent(problem) * float(np.log(1.0 - rules.PARTLY_SHARE))
+    return -rest_level.independent(problem) * float(np.log(1.0 - rules.EXPLAINS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,7 +146,7 @@ def grown_by_one(
     possible = [c for c in trace.candidates if c.label not in there]
     begun, hidden = rivals_of(base, possible, problem, bool(there))
     rivals = contenders(begun, base, problem)
-    standing = [own for own in rivals[:NEAREST] if base.cost - own.cost >= rules.PARTLY_PROMISE * least_fall(problem)]
+    standing = [own for own in rivals[: rules.FEW] if base.cost - own.cost >= rules.MAIN * least_fall(problem)]
     if not standing:
         return None, [], hidden, []
     rival, tried = standing[0], [evidence_of(base, standing[0], rivals, problem, unseen)]
@@ -160,7 +157,7 @@ def grown_by_one(
     if likeliest is not rival:
         own = evidence_of(base, likeliest, rivals, problem, unseen)
         rival, tried = (likeliest, [*tried, own]) if sure(own) else (rival, tried)
-    return rival, tried, hidden, [other for other in rivals if label_of(other) in tried[-1].tied][:NEAREST]
+    return rival, tried, hidden, [other for other in rivals if label_of(other) in tried[-1].tied][: rules.FEW]
 
 
 def followed(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | None:
@@ -192,8 +189,8 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     Beside what acts late, begun without the small spool too: with each effect a part of a delay may pass into one.
     """
     best = max((base.cost - rival.cost for rival in rivals), default=0.0)
-    least = max(rules.PARTLY_PROMISE * least_fall(problem), rules.PARTLY_NEAR * best)
-    near = [rival for rival in rivals[:NEAREST] if base.cost - rival.cost > least]
+    least = max(rules.MAIN * least_fall(problem), rules.MAIN * best)
+    near = [rival for rival in rivals[: rules.FEW] if base.cost - rival.cost > least]
     late = (rest_level.without_lag(rival, problem) for rival in near if any(map(acts_late, effects_of(rival.fit))))
     begun = [*near, *(own for own in late if own is not None)]
     anew = in_parallel(lambda rival: rest_level.renewed(rival, problem), begun)
@@ -214,7 +211,7 @@ def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence], beside: Fit
     if any((own.candidate.effect.name, own.candidate.where) == (late, candidate.where) for own in found):
         return True
     return candidate.effect.name in ("accelerometer_gain", "position_gain") and any(
-        own.effect.name == "accelerometer_delay" and values["delay_s"] > rules.PARTLY_LATE_S
+        own.effect.name == "accelerometer_delay" and values["delay_s"] > rules.CLOCK_S
         for own, values in (zip(beside.candidates, beside.values, strict=True) if beside else ())
     )
 
@@ -249,7 +246,7 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
     rounds: list[list[Evidence]] = []
     hidden: dict[str, Hidden] = {}
     left: list[RestFit] = []
-    while len(found) < rules.MOST_EFFECTS and len(rounds) < rules.MOST_EFFECTS + rules.MOST_UNREMARKABLE:
+    while len(found) < rules.MOST_EFFECTS and len(rounds) < 2 * rules.MOST_EFFECTS:
         tell(f"looking for sure effects, {len(found)} found")
         grown, tried, hidden, stay = grown_by_one(best, trace, problem, unseen)
         rounds.append(tried)
@@ -329,16 +326,18 @@ def refit_beside_rest(final: Fit, trace: Trace) -> Fit:
     problem = at_the_rest(trace.fit_problem, trace.base)
     declared = replace(final, deviations=trace.base.deviations)
     starts = [start_fit_at(fit, problem) for fit in (final, declared)]
-    fitted = refine(min(starts, key=lambda fit: fit.chi2), problem, steps=REFIT_STEPS, fresh=True, relative=0.02)
+    fitted = refine(
+        min(starts, key=lambda fit: fit.chi2), problem, steps=rules.FEW_STEPS, fresh=True, relative=rules.BASE_TOLERANCE
+    )
     return replace(start_fit_at(fitted, trace.fit_problem), covariance=fitted.covariance)
 
 
 def alike(fitted: Fit, final: Fit, named: Sequence[Evidence]) -> bool:
-    """Has a refit by simulation kept the numbers of the named effects, within a fifth or three standard errors?"""
+    """Has a refit by simulation kept the numbers of the named effects, within a tenth or three standard errors?"""
     for own in named:
         k = final.candidates.index(own.candidate)
         size, there = rest_level.size_of(fitted, k), rest_level.size_of(final, k)
-        if abs(size - there) > max(rules.PARTLY_SPREAD * abs(there), 3.0 * coordinate_error(final, k)):
+        if abs(size - there) > max(rules.TELLABLE * abs(there), rules.ERRORS * coordinate_error(final, k)):
             return False
     return True
 

@@ -26,8 +26,7 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
 
 Array = np.ndarray
-DURATION_S, MOTIONS = 20.0, 8  # of a motion; two of each kind nearly, and a power of 2 as the family asks
-HEAVIER = 1.5  # load of the heavier variant
+MOTIONS = 2 * rules.FEW  # of two of each kind nearly, and a power of 2 as the family asks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +47,7 @@ class Experiment:
 
 def motions(machine: Machine) -> list[dict[str, Any]]:
     """Candidate motions inside the limits of this machine; none where none can be made."""
-    family = MotionFamily(machine, DURATION_S)
+    family = MotionFamily(machine, rules.MOTION_S)
     found = attempted(lambda: [family.scenario(point) for point in family.first_points(MOTIONS)]) or []
     return [tables for tables in found if tables is not None]
 
@@ -68,7 +67,7 @@ def _separation(first: Machine, second: Machine, noise: dict[str, float], tables
 
 def heavier_load(machine: Machine) -> dict[str, float]:
     """What a person may change where no motion separates: an incline grows with the mass, a constant force does not."""
-    return {f"load.{machine.load.mass_key}": HEAVIER * machine.load.carried_mass_kg}
+    return {f"load.{machine.load.mass_key}": rules.HEAVIER * machine.load.carried_mass_kg}
 
 
 def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[str, float]) -> Experiment | None:
@@ -76,7 +75,7 @@ def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[
     a, b, plain = first.fitted_machine(), second.fitted_machine(), motions(first.machine)
     best: tuple[float, dict[str, Any]] = (-1.0, {})
     for change in ({}, {"machine": heavier_load(first.machine)}):
-        if best[0] < 4 * rules.TIE_CHI2:
+        if best[0] < 4 * rules.SIGNIFICANT:
             tried = [(separation(a, b, noise, tables | change), tables | change) for tables in plain]
             best = max([best, *tried], key=lambda item: item[0])
     if not best[1]:

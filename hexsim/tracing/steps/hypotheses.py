@@ -38,9 +38,8 @@ def contenders(found: Search, after: int = 0) -> list[Fit]:
     rivals = [rival for stage in found.stages for rival in stage.rivals if len(rival.candidates) == k]
     fewer = [stage.rivals[0] for stage in found.stages[after : k - 1] if stage.rivals]
     gain = found.base.chi2 - found.best.chi2
-    near = max(rules.NEAR_CHI2, rules.NEAR_SHARE * gain)
-    rivals = [rival for rival in rivals if rival.chi2 - found.best.chi2 < near]
-    return fewer + sorted(rivals, key=information)[: rules.CONTENDERS]
+    rivals = [rival for rival in rivals if rival.chi2 - found.best.chi2 < rules.TELLABLE * gain]
+    return fewer + sorted(rivals, key=information)[: rules.FEW]
 
 
 def simulated_rivals(
@@ -80,18 +79,18 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
     that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
     static friction makes the same disturbances move the machine further.
     """
-    head = problem.head(rules.TRIAGE_S)
+    head = problem.head(rules.OPENING_S)
     share = head.duration_s / problem.duration_s
     start = start_fit_at(rival, head)
     if not np.isfinite(start.chi2):
         return None
 
     def worth(fit: Fit, promise: float) -> bool:
-        return may_come_near(fit, rules.PROMISE_MARGIN * promise, share)
+        return may_come_near(fit, rules.NEAR * promise, share)
 
     opening = refine(start, head, fresh=True, worth=worth)
     if not residual_at_noise_level(opening.misfit, share):
-        if opening.reduced > rules.NEAR_NOISE:
+        if opening.reduced > rules.NEAR:
             return None
         own = head.with_input_uncertainty(opening.fitted_machine())
         opening = refine(start_fit_at(opening, own), own, fresh=True, worth=worth)
@@ -104,8 +103,8 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
 
 def may_come_near(fit: Fit, fall: float, share: float) -> bool:
     """May a fit of the opening seconds still reach the noise, or come near it, when chi2 can fall by so much?"""
-    far = fit.reduced > rules.NEAR_NOISE
-    near = far and np.sqrt(fit.chi2) - np.sqrt(max(fall, 0.0)) < np.sqrt(rules.NEAR_NOISE * fit.n)
+    far = fit.reduced > rules.NEAR
+    near = far and np.sqrt(fit.chi2) - np.sqrt(max(fall, 0.0)) < np.sqrt(rules.NEAR * fit.n)
     return near or residual_at_noise_level(fit.misfit, share, fall)
 
 
@@ -121,7 +120,7 @@ def refit_with_own_input_uncertainty(trace: Trace) -> Trace:
     A delay or more static friction makes the same disturbances move the machine further than they move the declared one.
     """
     final = trace.final
-    if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR_NOISE:
+    if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR:
         return trace
     own, held_out = (
         q.with_input_uncertainty(final.fitted_machine()) for q in (trace.fit_problem, trace.validate_problem)

@@ -19,7 +19,7 @@ from hexsim.hydraulics.parameters import LEARNED_KNOTS
 from hexsim.machine.files import changed
 from hexsim.tracing import rules
 from hexsim.tracing.balances import learned_term_of
-from hexsim.tracing.dependence import FOLDS, behind_low_pass
+from hexsim.tracing.dependence import behind_low_pass
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.selection import scale_of
 from hexsim.tracing.held_out import growths
@@ -48,7 +48,7 @@ def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
     if form == "memory":  # against the motion: one curve out, its opposite in
         form, signal, back = "direction", "speed_m_s", -found.curve
     able = form in FORMS and signal in SIGNALS and joined is not None
-    if not able or found.r2_cv < rules.LEARNED_R2 or rest.violation.where.startswith("platform"):
+    if not able or found.r2_cv < rules.MAIN or rest.violation.where.startswith("platform"):
         return None
     curves = (found.curve / found.speed_m_s,) if back is None else (found.curve, back)
     knots = np.linspace(found.knots[0], found.knots[-1], LEARNED_KNOTS if back is None else HALF)
@@ -94,7 +94,7 @@ def learned_fit(
         "curve": table["curve"] | {"standard_error": [float(x) for x in rest.dependence.curve_sd]},
         "evidence": {
             "block_cv_gain": rest.dependence.r2_cv,
-            "blocks": FOLDS,
+            "blocks": rules.FOLDS,
             "dBIC": float(fit.chi2 - base.chi2 + LEARNED_KNOTS * np.log(fit.n)),
             "held_out_gain": gains,
         },

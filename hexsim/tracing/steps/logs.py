@@ -14,7 +14,8 @@ from hexsim.machine.files import changed, find_machine_file
 from hexsim.readers import log_files, read_stretches
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
-from hexsim.tracing.balances.controller import loops_of, reads_another_transducer
+from hexsim.tracing import rules
+from hexsim.tracing.balances.controller import ALIKE, AT_NOISE, loops_of, reads_another_transducer
 from hexsim.tracing.checks.checks import refuse_misleading
 from hexsim.tracing.checks.finding import Finding, loss
 from hexsim.tracing.checks.imu import at_origin
@@ -32,7 +33,6 @@ DRIVEN = {
     OWN_TRANSDUCER: "the declared loop's setpoints, its position read by a transducer that is not logged, drive",
 }
 SLOWER = 0.95  # of the controller's rate, from which a log is slower than it: clocks differ by less
-LOAD_KNOWN = 0.005  # half width of what people put on, relative: it was weighed
 SHORTEST_STRETCH_S = 2.0  # of a run with gaps; the first 0.3 s of each do not count
 
 
@@ -78,7 +78,7 @@ def another_controller(machine: Machine, log: Log, noise: dict[str, float]) -> b
     asked = np.clip(K * (log.setpoint - log.position), -limit, limit)
     every = max(round(log.rate / machine.controller.rate_Hz), 1)
     off = np.median(np.abs(log.volts - asked)[:, log.tick_phase(every) :: every])
-    another = off > 5 * K.max() * noise["position_m"] and off > 0.02 * np.std(log.volts)
+    another = off > AT_NOISE * K.max() * noise["position_m"] and off > ALIKE * np.std(log.volts)
     return bool(another) and loops_of(log, machine) is None
 
 
@@ -103,7 +103,7 @@ def refuse_undriven(logs: Sequence[Log], feedback: int) -> None:
 
 
 def with_additional_mass(machine: Machine, load_kg: float | None, loaded: Sequence[str]) -> Machine:
-    """The machine with what people can put on it [kg], known to LOAD_KNOWN where its file does not say how well."""
+    """The machine with what people can put on it [kg], known to rules.KNOWN where its file does not say how well."""
     key = "additional_mass_kg"
     if load_kg is not None:
         machine = changed(machine, {f"load.{key}": load_kg})
@@ -111,7 +111,7 @@ def with_additional_mass(machine: Machine, load_kg: float | None, loaded: Sequen
         if loaded:
             raise HexsimError(f"log {loaded[0]} has a load on: say what it weighs, load_kg or {key} in [load]")
         return machine
-    return changed(machine, {f"uncertainty.{key}": machine.uncertainty.get(key, LOAD_KNOWN)})
+    return changed(machine, {f"uncertainty.{key}": machine.uncertainty.get(key, rules.KNOWN)})
 
 
 def slower_than_controller(logs: Sequence[Log], machine: Machine) -> list[Finding]:

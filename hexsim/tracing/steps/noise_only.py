@@ -56,7 +56,7 @@ def without_own(
     """The rests less what a small gain and a small delay of each channel itself leave: a s + b ds/dt, fitted to all runs.
 
     noise (n_channels,): what a rest is in units of. A log's clock and its writer's integrator are no better than these
-    (`rules.OWN_GAIN`, `rules.OWN_DELAY_S`); larger ones are not taken off whole.
+    (`rules.READING`, `rules.CLOCK_S`); larger ones are not taken off whole.
     """
     out = [rest.copy() for rest in rests]
     for k, channel in enumerate(channels):
@@ -68,7 +68,7 @@ def without_own(
         asked = sum(column @ rest[k] for column, rest in zip(columns, rests, strict=True))
         if not np.all(np.diag(normal) > 0.0):
             continue
-        most = np.array([rules.OWN_GAIN, rules.OWN_DELAY_S])
+        most = np.array([rules.READING, rules.CLOCK_S])
         found = np.clip(np.linalg.lstsq(normal, asked, rcond=1e-9)[0], -most, most)
         for rest, column in zip(out, columns, strict=True):
             rest[k] -= found @ column
@@ -94,7 +94,7 @@ def hold_against_signals(trace: Trace, tell: Tell) -> Trace:
     if trace.fit_problem.feedback == LOGGED_VOLTS:
         return replace(trace, decided="not asked: logged volts drive the model, and they hold the position's noise")
     found = followed(trace)
-    sure = [own for own in found if own.share > rules.PREDICTED_SHARE and own.above > rules.PREDICTED_ABOVE]
+    sure = [own for own in found if own.share > rules.SLIGHT and own.above > rules.ERRORS]
     if not sure:
         most = (
             f"{found[0].channel} follows {found[0].signal} with {found[0].share:.1%} of it" if found else "no channel"

@@ -16,10 +16,9 @@ from hexsim.hydraulics import leg as leg_equations
 from hexsim.signals.channels import SETTLE_S, noise_of
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance, balance_named
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.balances.null import END_S, FILLED_WELL, REACH_S
+from hexsim.tracing.balances.null import FILLED_WELL, REACH_S
 from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, UnexplainedResidual, Violation
@@ -60,7 +59,7 @@ def signals_of(log: Log, machine: Machine, place: str) -> tuple[dict[str, Array]
 
 def kept(log: Log) -> Array:
     """Samples of a log that count, thinned: their places. None of a window that sees a repaired stretch."""
-    places = np.arange(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+    places = np.arange(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), THIN)
     return places[log.whole(REACH_S, FILLED_WELL)[places]]
 
 
@@ -113,7 +112,7 @@ def unexplained_residuals(lines: Sequence[Violation], problem: SimulatedProblem)
     """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
 
     def rank(line: Violation) -> float:
-        first = balance_named(line.name, line.machine).spoils_others and line.above_null > rules.SENSOR_FIRST
+        first = balance_named(line.name, line.machine).spoils_others and line.violated
         return line.above_null + 1e6 * first
 
     worst = sorted(lines, key=rank, reverse=True)

@@ -15,12 +15,12 @@ from hexsim.declaration import Machine
 from hexsim.mechanics.rigid_body import Suspension, pushed_back
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
+from hexsim.signals.weak_form import WIDE_S, Window
 from hexsim.tracing.balances.balance import measured_point, resolved_machine, sensed_leg
 from hexsim.tracing.balances.continuity import Continuity
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.balances.force import Force
-from hexsim.tracing.balances.null import END_S
+from hexsim.tracing.balances.null import REACH_S
 from hexsim.tracing.balances.platform import Platform, felt_by_load
 from hexsim.tracing.dependence import tone_of
 from hexsim.tracing.fitting.parameters import Candidate, candidates
@@ -32,7 +32,6 @@ OCTAVES_Hz = (4.0, 8.0, 16.0, 32.0)  # of a payload's spring
 PLACES = 150  # along the stroke at which wear is looked for
 PITCHES_M = (2e-4, 1e-2)  # of a scale's ripple
 CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
-FINE_S = 0.05  # [s] half width of the window that takes off how the piston moved
 LINE = 6.0  # times the rms of all pitches: noise comes to 3, a ripple of 2 um to 14
 SEEN_FIRST = ("position_ripple",)  # without their shape they have no column
 SLOW_M_S = 0.01  # below it a ripple is slower than that window
@@ -40,7 +39,7 @@ SLOW_M_S = 0.01  # below it a ripple is slower than that window
 
 def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
-    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
+    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), 5) for log in logs]
     platform, force = Platform(), Force()
     high = _high_pressure(logs, keep) | _worn_place(machine, logs, keep) | _scale_ripple(machine, logs, keep)
     if all(platform.wants(log, machine) for log in logs):
@@ -114,7 +113,7 @@ def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> d
             sensed = sensed_leg(log, resolved, leg)
             own = slice(k.start, k.stop)
             beyond = sensed.y - np.cumsum(sensed.v) / log.rate
-            beyond = (beyond - Window(log.rate, FINE_S).mean(beyond))[own]
+            beyond = (beyond - Window(log.rate, WIDE_S).mean(beyond))[own]
             weight = sensed.v[own] ** 2 / (sensed.v[own] ** 2 + SLOW_M_S**2)
             cells = np.clip(np.rint(sensed.y[own] / CELL_M), 0, CELLS - 1).astype(int)
             sums += np.bincount(cells, weights=weight * beyond, minlength=CELLS)

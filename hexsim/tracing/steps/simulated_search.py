@@ -26,11 +26,11 @@ from hexsim.tracing.steps.shapes import with_octaves
 def simulated_search(trace: Trace, tell: Tell) -> Search:
     """The search, ended by refits on the whole runs."""
     base, problem, possible = trace.base, trace.fit_problem, with_octaves(trace.candidates)
-    head = problem.head(rules.TRIAGE_S)
+    head = problem.head(rules.OPENING_S)
     if head is problem or residual_at_noise_level(cut(base, problem, head).misfit):
-        return search(base, possible, problem, tell, least_gain=rules.LEAST_GAIN_SIMULATED)
+        return search(base, possible, problem, tell, least_gain=rules.EXPLAINS)
     opening = refine(start_fit_at(base, head), head, fresh=True, relative=rules.BASE_TOLERANCE)
-    found = search(opening, possible, head, tell, least_gain=rules.LEAST_GAIN_SIMULATED)
+    found = search(opening, possible, head, tell, least_gain=rules.EXPLAINS)
     rivals = simulated_rivals(found, problem, tell)
     stages = [replace(stage, rivals=[]) for stage in found.stages]
     if rivals:

@@ -2,7 +2,7 @@
 
 Where the hypothesis stands, the column of every candidate is held against what the named effect does: how much of it is
 left when declared parameters, the other effects and the candidate may move. What leaves little is refitted by simulation
-in the place of the named effect. A tie is a refit within TIE_CHI2, whatever led the search to the named one; and any
+in the place of the named effect. A tie is a refit within SIGNIFICANT, whatever led the search to the named one; and any
 effect whose column is the named one's in every balance, sample by sample: both are one term there, so that no refit of
 these logs says more (a hose and a dead volume add one constant to the capacity).
 """
@@ -33,7 +33,6 @@ from hexsim.tracing.steps.verdict import held_out_gains, named_effect
 
 Array = np.ndarray
 SAME_TERM = 1e-8  # share that one column leaves of another where both are one term
-TIE_FAR = 0.25  # candidates are no ties that do less than this share of the named effect in the balances
 TANGENT = 0.05  # share of the trial size at which tangents are taken: near a resonance the answer is soon nonlinear
 
 
@@ -75,9 +74,9 @@ def stand_ins(
         if not np.all(np.isfinite(own)) or not np.any(own):
             continue
         rest, theta = left(np.concatenate([beside, own[None]]), np.append(weak, 1e-6))
-        if rest < rules.TIE_NEAR * alone and rest < found.get(candidate.label, (np.inf,))[0]:
+        if rest < rules.TELLABLE * alone and rest < found.get(candidate.label, (np.inf,))[0]:
             found[candidate.label] = (rest, candidate, theta)
-    best = sorted(found.values(), key=lambda entry: entry[0])[: rules.TIES_TRIED]
+    best = sorted(found.values(), key=lambda entry: entry[0])[: rules.FEW]
     return [(candidate, theta) for _, candidate, theta in best]
 
 
@@ -91,22 +90,22 @@ def alike_in_balances(own: Candidate, possible: Sequence[Candidate], lines: Sequ
     there = [line.candidate for line in lines if line.candidate.label == own.label]
     does = [directions[id(candidate)] for candidate in there if id(candidate) in directions]
     alike = {key: max((float(x @ one) ** 2 for one in does), default=1.0) for key, x in directions.items()}
-    return [candidate for candidate in possible if alike.get(id(candidate), 1.0) > TIE_FAR]
+    return [candidate for candidate in possible if alike.get(id(candidate), 1.0) > rules.MAIN]
 
 
 def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedProblem) -> dict[str, Fit]:
     """Effects that can stand for effect k: label -> the hypothesis with it, refitted on the whole runs."""
-    head = problem.head(rules.TRIAGE_S)
+    head = problem.head(rules.OPENING_S)
     near = stand_ins(fit, k, possible, head)
     bare = bare_at(fit, k, head) if near else fit
 
     def refitted(entry: tuple[Candidate, float]) -> Fit | None:
-        opening = try_candidate(bare, *entry, head, rules.TRIAGE_STEPS)
+        opening = try_candidate(bare, *entry, head, rules.FEW_STEPS)
         return None if opening is None else simulated_fit(opening, problem)
 
     tied = {}
     for (candidate, _), rival in zip(near, in_parallel(refitted, near), strict=True):
-        near_enough = rival is not None and rival.chi2 - fit.chi2 < rules.TIE_CHI2 * scale_of(fit)
+        near_enough = rival is not None and rival.chi2 - fit.chi2 < rules.SIGNIFICANT * scale_of(fit)
         if rival is not None and near_enough and not inert(rival, problem):
             tied[candidate.label] = rival
     return dict(sorted(tied.items()))
@@ -123,13 +122,13 @@ def better_limit(fit: Fit, k: int, trace: Trace) -> Fit | None:
     limits = [candidate for candidate in limits_of(trace.candidates, fit) if candidate.effect.balance == own.balance]
     if balances is None or own.limit or not limits:
         return None
-    head, margin = problem.head(rules.TRIAGE_S), rules.TIE_CHI2 * scale_of(fit)
+    head, margin = problem.head(rules.OPENING_S), rules.SIGNIFICANT * scale_of(fit)
     bare, alarm = bare_at(fit, k, head), rules.alarm(trace.screened)
     here, at_balances = start_fit_at(fit, head).chi2, start_fit_at(bare, balances)
     found = None
     for candidate in limits:
         begun = to_coordinate(candidate.effect.parameters[0], reached(at_balances, candidate, balances, alarm))
-        opening = try_candidate(bare, candidate, begun, head, rules.TRIAGE_STEPS)
+        opening = try_candidate(bare, candidate, begun, head, rules.FEW_STEPS)
         if opening is None or opening.chi2 > here + margin:
             continue
         rival = simulated_fit(opening, problem)

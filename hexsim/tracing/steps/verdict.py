@@ -56,7 +56,7 @@ def named_effect(
         standard_errors=final.standard_errors()[final.candidates.index(candidate)],
         tied_with=tied,
         gain_cv=sum(gains) / before if unseen is None else unseen,
-        blocks=round(trace.validate_problem.duration_s / rules.PARTLY_BLOCK_S),
+        blocks=round(trace.validate_problem.duration_s / rules.REST_BLOCK_S),
         d_bic=float(-gain + count * np.log(final.n)),
         held_out=tuple(gains),
         single_leg=final.machine.n_legs == 1,

@@ -79,7 +79,7 @@ def null_sizes(balances: Sequence[Balance], machine: Machine, problem: Simulated
     """(sigma, largest rms of the null runs) of every balance, (n_places,) each; one null run a job."""
     quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
     if machine.is_hexapod:
-        quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
+        quiet = [log.head(rules.OPENING_S) for log in quiet]
     clean = [[used(log, balance.residual(log, machine)) for log in quiet] for balance in balances]
     runs = in_parallel(
         lambda seed: null_squares(balances, quiet, clean, machine, problem.noise, seed), range(rules.NULL_SEEDS)
