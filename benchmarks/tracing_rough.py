@@ -176,11 +176,11 @@ def named_at(line: dict, share: float | None = None, size: float = 1.0) -> set[s
     """
     from hexsim.tracing import rules
 
-    usual = rules.PARTLY_SHARE, rules.PARTLY_RESTORED
+    usual = rules.EXPLAINS, rules.RESTORES
     if share is not None:
-        rules.PARTLY_SHARE, rules.PARTLY_RESTORED = share, np.inf
+        rules.EXPLAINS, rules.RESTORES = share, np.inf
     found = {own["candidate"].split(" in ")[0] for own in sure_of(line) if own["remarkable"] > size}
-    rules.PARTLY_SHARE, rules.PARTLY_RESTORED = usual
+    rules.EXPLAINS, rules.RESTORES = usual
     return found
 
 

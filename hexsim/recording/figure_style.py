@@ -26,6 +26,7 @@ Drawn = TypeVar("Drawn")
 WIDTH_IN = 9.6  # of a page
 DPI = 150  # sharp on a screen of two pixels a point
 MOST_POINTS = 2 * round(WIDTH_IN * DPI)  # of a line: two a pixel of the page
+WIDE = 2.0  # decades of an axis, from which it is logarithmic, or has one tick a decade
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,

@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 Array = np.ndarray
 WHOLE = slice(None)
 HALF_WIDTH_S = 0.02  # [s] of the window: 4 periods of noise at 109 Hz fall out, reversals stay
+SHORT_S = 0.006  # [s] of one under which the oil's own motion is seen, and that few reversals meet
 WIDE_S = 2.0 * HALF_WIDTH_S  # under it d2y/dt2 of a position of 3 um noise is about as quiet as an accelerometer
 
 

@@ -26,8 +26,7 @@ Array = np.ndarray
 KNOTS = 14  # of a curve at most: half at quantiles, half evenly spaced
 CURVES = ("plain", "direction", "product")
 FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
-LAGS_S = (0.2, 0.8, 3.2)  # [s] time constants of a low-pass; that of a signal is sought a factor of 2.5 either way
-LARGEST = 0.98  # quantile of |r| above which its size counts no more
+LAGS_S = (0.1, 0.4, 1.6, 6.4)  # [s] time constants of a low-pass; that of a signal is sought a factor of 2.5 either way
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -259,7 +258,7 @@ def dependence_of(
         )  # fmt: skip
     target = r
     if max(table[name] for name in table if name in order) < rules.TELLABLE:
-        size = np.minimum(np.abs(r), np.quantile(np.abs(r), LARGEST))
+        size = np.minimum(np.abs(r), np.quantile(np.abs(r), 1.0 - rules.SLIGHT))
         sized = {name: of_size(x, size, blocks) for name, x in moving.items()}
         if max(sized[name][1] for name in sized if name in order) > rules.TELLABLE:
             target, found = size, sized

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hexsim.signals.weak_form import HALF_WIDTH_S
 from hexsim.tracing import rules
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 
 Array = np.ndarray
-MEAN_S = 0.01  # [s]
+MEAN_S = 0.5 * HALF_WIDTH_S
 TURNS = 16  # of the null
 
 

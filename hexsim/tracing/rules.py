@@ -3,12 +3,16 @@
 What follows from them is derived where it is used. Numbers of a motion, a window or a picture stand in their modules.
 """
 
+from hexsim.inference.search import OWN
+from hexsim.inference.verdict import CHANCE
+
 # Chance, and what passes for a difference
 ERRORS = 3.0  # standard errors from which something is there: chance brings it once in 370 times
 SIGNIFICANT = (
     25.0  # fall of chi2, in units of the reduced chi2: five standard errors; of a thousand columns none by chance
 )
-DOUBT = 0.01  # share of the traces in which chance may take a name that makes no held-out channel worse
+CERTAIN = SIGNIFICANT**0.5  # the same in standard errors
+DOUBT = CHANCE  # share of the traces in which chance may take a name that makes no held-out channel worse
 MODEL_SHARE = 2.0e-3  # of the noise's mean square: two implementations of one model differ by it
 # Shares of a mean square
 SLIGHT = 0.03  # what a candidate, a form or a signal adds and is not preferred for: a sixth of an rms
@@ -20,6 +24,7 @@ EXPLAINS = (
 RESTORES = (
     0.7  # or of what its own balance has above the noise, also held out; at 0.5 three null machines more get a name
 )
+SAME = OWN  # of a column's size beside others: what has less of its own is one term with them
 SHARPENED = 0.8  # of a standard error: from a dozen blocks it is known to a fifth, so that no smaller change is said
 TRADES = 0.9  # correlation from which two numbers trade: each is known 2.3 times better where the other is known
 # Residuals against their noise
@@ -35,13 +40,15 @@ REST_BLOCK_S = 10.0 * REST_TIME_S  # blocks of what a model leaves: their means 
 BLOCK_S = 0.5  # blocks of scores and of cross-validation: longer than oil rings, short enough for some tens of blocks
 OPENING_S = 6.0  # of each run: rivals are refitted on them first, and a hexapod's null runs last so long
 LONG_S = 60.0  # of a longer log that the declared machine's refit begins with; its columns are not kept
-SPREAD_S = 0.1  # over which a spread of simulations is averaged: oil rings several times
+SPREAD_S = 0.1  # over which oil is seen to ring, and a spread of simulations is averaged: oil rings several times
+LONGEST_DELAY_S = 0.5  # of a channel that can still be aligned
 # What is known of a machine before any log
 CLOCK_S = 1.0e-4  # a log's clock; an accelerometer that is later has no gain that is sure
 READING = 1.0e-3  # gain that a writer's integrator may be off by, relative
 KNOWN = 5.0e-3  # what is weighed or measured at a machine, relative: hardly anybody knows it better
 REMARKABLE = 1.5  # times its ordinary size: below that a machine is not remarkable for an effect
 REMARKABLE_SHARE = 0.4  # of the typical size, for an effect without an ordinary size
+HELD = 1.0e-4  # standard deviation of a number that is held to its declaration, relative
 # The search
 MOST_EFFECTS = 3  # of a hypothesis: each takes a round of refits, and a fourth was never needed
 FEW = 4  # rivals that are refitted to the end; twice as many by their columns, four times in the balances, which are quick

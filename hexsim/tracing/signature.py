@@ -28,6 +28,7 @@ from hexsim.recording.figure_style import legend, new_figure, styled
 from hexsim.recording.quantity import quantity, scale_of
 from hexsim.signals.log import Log
 from hexsim.signals.table import table
+from hexsim.signals.weak_form import HALF_WIDTH_S
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance, library
 from hexsim.tracing.balances.null import used
@@ -43,7 +44,7 @@ SWEEP_S = 40.0  # slow: where damping is 0.05 the answer comes 0.4 s late, by 2 
 DRY = {f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")}
 TONES = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))  # (Hz, share of a quarter of the stroke)
 SWEEP_m_s = 0.25  # velocity that a sweep asks for, from a quarter to twice the effect's frequency: beyond the overlap
-SHOWN_Hz = 25.0  # a wave that goes by faster is lost in a balance's window
+SHOWN_Hz = 0.5 / HALF_WIDTH_S  # a wave that goes by faster is lost in a balance's window
 TURNING_m = 3e-4  # of travel after a reversal, shown of a bristle
 SHOWN_AT = {  # where the typical size does nothing in this motion, or little but what another effect does
     "air_of_a_chamber": {"bottom_fraction": 0.05},

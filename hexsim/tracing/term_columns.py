@@ -17,7 +17,6 @@ Array = np.ndarray
 PARTS = 4  # parts of a run that have a delay of their own: clocks of different recorders drift
 FOLLOWS = 0.8  # least correlation of a channel with what it is aligned to
 JUMP_S = 0.15  # [s] a part whose delay is further from the others' median is taken to be wrong
-SAME = 1e-6  # share of a column that is not in another: below it the two are one
 PLACES = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, *np.arange(0.1, 0.95, 0.05), 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)
 # quantiles of a signal at which a hinge or a threshold may lie: dense at the ends, where rare effects act
 
@@ -246,14 +245,14 @@ def refused(balance: OwnBalance, runs: Sequence[RunData]) -> dict[str, str]:
         empty = [run.name for run in runs if not np.any(run.column(term))]
         if empty:
             why[term.name] = f"{term.name} is all zero in {', '.join(empty)}: nothing can be said of it there"
-        elif outside(target, x[:, None]) < SAME:
+        elif outside(target, x[:, None]) < rules.SAME:
             why[term.name] = f"{term.name} is the target itself: it explains nothing"
-        elif terms.shape[1] and outside(x, terms) < SAME:
+        elif terms.shape[1] and outside(x, terms) < rules.SAME:
             why[term.name] = f"{term.name} is a sum of declared terms: its number cannot be told from theirs"
     usable = [name for name in columns if name not in why]
     for a, one in enumerate(usable):
         for other in usable[a + 1 :]:
-            if outside(columns[one], columns[other][:, None]) < SAME:
+            if outside(columns[one], columns[other][:, None]) < rules.SAME:
                 why[one] = why[other] = f"{one} and {other} are collinear: no data tell them apart; give one of them"
     return why
 

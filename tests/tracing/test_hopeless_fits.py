@@ -60,7 +60,7 @@ def hypothesis(name: str, problem: SimulatedProblem):
 
 
 def worth(fit, promise: float) -> bool:
-    return may_come_near(fit, rules.PROMISE_MARGIN * promise, 1.0)
+    return may_come_near(fit, rules.NEAR * promise, 1.0)
 
 
 def test_a_fit_that_reaches_the_noise_is_the_same_with_the_rule(opening):
@@ -89,7 +89,7 @@ def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):
         counts[0] = 0
         fit = least_squares.refine(replace(begun), opening, fresh=True, worth=rule)
         made.append(counts[0])
-        assert fit.reduced > rules.NEAR_NOISE
+        assert fit.reduced > rules.NEAR
     assert made[1] < 0.5 * made[0]
 
 

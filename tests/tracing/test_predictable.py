@@ -19,7 +19,7 @@ RATE, N = 1000.0, 20000
 
 
 def sure(found):
-    return [own for own in found if own.share > rules.PREDICTED_SHARE and own.above > rules.PREDICTED_ABOVE]
+    return [own for own in found if own.share > rules.SLIGHT and own.above > rules.ERRORS]
 
 
 def runs(rng, count=2, colour=0.0):

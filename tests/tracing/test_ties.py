@@ -51,18 +51,19 @@ def test_more_oil_can_stand_for_a_softer_hose(bench):
     )  # tangents; E itself is free beside it
 
 
-def test_what_no_simulation_can_know(bench, monkeypatch):
+def test_what_no_simulation_can_know(bench):
     """On the declared loop a tenth of the position's noise moves no channel by more than a third of its noise in the median,
     and what is counted never falls below the sensors' noise. All of the noise moves the acceleration ten times as much, but
     for what friction bends of it (a fifth)."""
     machine, log = bench
-    monkeypatch.setattr(rules, "INPUT_SHARE", 0.1)
-    problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
-    plain, wide = problem.sigma(0), problem.with_input_uncertainty(machine).sigma(0)
+    noise = channels.noise_of(machine, [log])
+    problem = SimulatedProblem(logs=(log,), noise=noise)
+    quiet = dataclasses.replace(problem, noise=noise | {"position_m": 0.1 * noise["position_m"]})
+    plain, known = problem.sigma(0), quiet.with_input_uncertainty(machine).input_uncertainty
+    wide = dataclasses.replace(problem, input_uncertainty=known).sigma(0)
     assert np.all(wide >= plain)
     assert np.all(wide[problem.channels(0).index("acceleration_m_s2")] > plain[-1])  # every difference moves the load
     assert np.all(np.median(wide, axis=1) < np.hypot(1.0, 1 / 3) * plain[:, 0])
-    monkeypatch.setattr(rules, "INPUT_SHARE", 1.0)
     all_of_it = problem.with_input_uncertainty(machine).sigma(0)
     spread, tenth = (np.median(np.sqrt(s[-1] ** 2 - plain[-1] ** 2)) for s in (all_of_it, wide))
     assert spread == pytest.approx(10.0 * tenth, rel=0.2)

@@ -20,7 +20,7 @@ from hexsim.hydraulics.learned import memories
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import WHOLE, Window
+from hexsim.signals.weak_form import SHORT_S, WHOLE, Window
 from hexsim.tracing.balances.balance import (
     Balance,
     MeasuredPoint,
@@ -36,7 +36,6 @@ from hexsim.tracing.memory import latest
 Array = np.ndarray
 FlowOf = Callable[[Array, MeasuredPoint], Array]
 LeftOf = Callable[[Array, MeasuredPoint, Array, Window], Array]
-FAST_S = 0.006  # [s] half width of the window under which the oil's own motion is seen
 LEAST_FAST_RATE_HZ = 500.0  # of a log in which it can be
 OF_FORCE = (  # of a leg's row: no flow depends on it
     *range(P.CUSHION_LENGTH, P.CUSHION_DAMPING + 1), *range(P.VISCOUS_EXTEND, P.TONE_PHASE + 1), P.SEAL_FRICTION_TOP,
@@ -117,7 +116,7 @@ def residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> 
 def fast_residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:
     """Of the bottom chamber (n_at,) [m3/s], what is slower than the usual window taken off."""
     assert point.P1 is not None
-    sensed, at, short = point.sensed, window.at, Window(1.0 / window.dt, FAST_S, window.at)
+    sensed, at, short = point.sensed, window.at, Window(1.0 / window.dt, SHORT_S, window.at)
     capacity = capacities(p, np.ascontiguousarray(sensed.mean_y[at]), np.ascontiguousarray(sensed.mean_P1[at]))
     net = flow - p[P.AREA_BOTTOM] * sensed.fast_v
     with np.errstate(invalid="ignore"):  # a flow without bound leaves NaN, as any divergence
@@ -126,7 +125,7 @@ def fast_residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window
 
 def fast_rate(signal: Array, rate_Hz: float, at: slice = WHOLE) -> Array:
     """Rate of a signal under the short window less that under the usual one, (n_at,) [1/s]."""
-    return Window(rate_Hz, FAST_S, at).rate(signal) - Window(rate_Hz, at=at).rate(signal)
+    return Window(rate_Hz, SHORT_S, at).rate(signal) - Window(rate_Hz, at=at).rate(signal)
 
 
 def top_residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:

@@ -21,13 +21,7 @@ from hexsim.tracing.balances.balance import Balance, resolved_machine
 from hexsim.tracing.memory import remembered
 
 Array = np.ndarray
-AT_NOISE = 5.0  # times the noise of the position through the gain: volts within it are those of the loop
 ALIKE = 0.02  # of the volts, likewise; of a tick, likewise
-# times the position's noise: what a transducer that is not logged differs by, and what that leaves (clean logs: 0.05, 1.2)
-OWN_SEEN, OWN_LEFT = 0.2, 2.0
-OWN_PLAINER = 0.98  # of what a loop of another gain leaves: 4 % of the square, 20 times the share that alarms a fit
-LEAST_TICKS = 500  # away from the volts' limit: a second of the controller
-LONGEST_s = 0.05  # a delay is within it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +55,7 @@ def loops_of(log: Log, machine: Machine) -> list[LoopOfLeg] | None:
     for i in range(log.n_legs):
         asked, u = (K[i] * (setpoint[i] - log.position[i]))[ticks], volts[i, ticks]
         own = loop_of_leg(asked, u, 0.99 * limit[i])
-        if own is None or own.left_V > min(AT_NOISE * K[i] * own.gain * noise, ALIKE * float(np.std(u))):
+        if own is None or own.left_V > min(rules.CERTAIN * K[i] * own.gain * noise, ALIKE * float(np.std(u))):
             return None
         found.append(own)
     return found
@@ -99,15 +93,15 @@ def reads_another_transducer(log: Log, machine: Machine) -> bool:
     ticks, seen = slice(log.tick_phase(every), None, every), False
     for volts, setpoint, position, gain, most in zip(log.volts, log.setpoint, log.position, K, limit, strict=True):
         inside = (np.abs(volts[ticks]) < 0.99 * most)[1:]
-        if inside.sum() < LEAST_TICKS:
+        if inside.sum() < machine.controller.rate_Hz:  # a second
             return False
         read, error = (setpoint - volts / gain)[ticks], (setpoint - position)[ticks]
         left, taken = left_by_transducer(log.time[ticks], read, position[ticks], inside)
-        if left > OWN_LEFT * noise:
+        if left**2 > rules.NEAR * noise**2:
             return False
         loop = np.stack([error[1:], error[:-1]], axis=1)[inside]
         of_loop = left_by(loop, (volts / gain)[ticks][1:][inside] - loop[:, 0])
-        seen |= taken > OWN_SEEN * noise and left < OWN_PLAINER * of_loop
+        seen |= taken**2 > rules.TELLABLE * noise**2 and left**2 < (1.0 - rules.SLIGHT) * of_loop**2
     return seen
 
 
@@ -121,7 +115,10 @@ def left_by_transducer(time: Array, read: Array, shown: Array, inside: Array) ->
         at, rate = curve(time - delay), curve(time - delay, 1)
         columns, off = np.stack([np.ones(len(at)), at, -rate], axis=1)[1:][inside], (shown - at)[1:][inside]
         found = np.linalg.lstsq(columns, off, rcond=None)[0]
-        left, delay = off - columns @ found, float(np.clip(delay + found[2], -LONGEST_s, LONGEST_s))
+        left, delay = (
+            off - columns @ found,
+            float(np.clip(delay + found[2], -rules.LONGEST_DELAY_S, rules.LONGEST_DELAY_S)),
+        )
     return float(np.sqrt(np.mean(left**2))), float(np.sqrt(np.mean(((shown - read)[1:][inside] - left) ** 2)))
 
 

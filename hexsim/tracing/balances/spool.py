@@ -10,7 +10,7 @@ from hexsim.hydraulics import valve
 from hexsim.hydraulics.parameters import P
 
 Array = np.ndarray
-AT_ONCE = 50.0  # a spool so many times faster than the samples follows at once
+SETTLED = -float(np.log(np.finfo(float).eps))  # time constants after which a spool stands where it is sent
 OF_SPOOL = (  # all of a row that the spool depends on
     P.HYSTERESIS, P.VALVE_DELAY, P.NULL_OFFSET, P.NULL_DRIFT, P.NULL_WARM_UP, P.NULL_WARM_UP_TIME, P.SPOOL_GAIN, P.SPOOL_TRAVEL,
     P.SPOOL_OMEGA, P.SPOOL_DAMPING, P.SPOOL_RATE,
@@ -40,7 +40,7 @@ def spool_positions(p, volts, t):
     for i in range(n):
         command = leg_equations.commanded_spool(p, volts[i], t[i])
         dt = t[i] - t[i - 1] if i > 0 else t[1] - t[0]
-        if omega <= 0.0 or omega * dt > AT_ONCE:
+        if omega <= 0.0 or omega * dt > SETTLED:
             x[i], place, speed = command, command, 0.0
             continue
         steps = max(10, int(2.0 * omega * dt))

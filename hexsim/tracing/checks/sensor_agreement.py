@@ -19,10 +19,10 @@ from hexsim.machine.geometry import machine_kinematics
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import WIDE_S, Window
+from hexsim.tracing import rules
 from hexsim.tracing.balances.bends import kinks, tick_samples
 
 Array = np.ndarray
-LONGEST_DELAY_s = 0.5  # of a channel that can still be aligned
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +146,7 @@ def agreement(reference: Array, channel: Array, rate_Hz: float, noise: float, ha
     The delay maximises the correlation (parabola through the best three whole samples). A window leaves n / (2 half)
     independent samples; they carry the standard errors.
     """
-    longest = min(int(LONGEST_DELAY_s * rate_Hz), len(reference) // 4)
+    longest = min(int(rules.LONGEST_DELAY_S * rate_Hz), len(reference) // 4)
     core = slice(longest, len(reference) - longest)
     r = reference[core] - reference[core].mean()
     lags = np.arange(-longest, longest + 1)

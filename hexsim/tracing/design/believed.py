@@ -19,10 +19,7 @@ from hexsim.tracing.fitting.rest_priors import is_held
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
-CALM = 5.0  # times the noise
 COARSE = 3.0  # times the step of the finite differences
-UNALIKE = 0.2  # share by which the columns of two steps differ where they are not reproduced
-SLIGHT = 0.3  # of the noise: a smaller difference does not matter
 
 
 def enters_a_cushion(machine: Machine, position_m: Array) -> bool:
@@ -32,9 +29,9 @@ def enters_a_cushion(machine: Machine, position_m: Array) -> bool:
 
 
 def calm_samples(problem: SimulatedProblem) -> Array:
-    """Samples (n_used,) of the first log at which the spread of the accelerations is within CALM times their noise."""
+    """Samples (n_used,) of the first log at which the spread of the accelerations is within five times their noise."""
     rows = [k for k, name in enumerate(problem.channels(0)) if "acceleration" in name]
-    limit = CALM * np.array([problem.noise[kind_of(problem.channels(0)[k])] for k in rows])[:, None]
+    limit = rules.CERTAIN * np.array([problem.noise[kind_of(problem.channels(0)[k])] for k in rows])[:, None]
     return np.all(problem.input_uncertainty[0][rows, problem.settle(0) :] < limit, axis=0)
 
 
@@ -49,8 +46,8 @@ def reproduced(columns: Array, coarse: Array, spread: Array, rate_Hz: float) -> 
         return uniform_filter1d(rows**2, max(round(rules.SPREAD_S * rate_Hz), 1), axis=-1, mode="nearest")
 
     off = size(columns - coarse)
-    matters = off * spread[:, None, None] ** 2 > SLIGHT**2
-    return ~np.any(matters & (off > UNALIKE**2 * size(coarse)), axis=(0, 1))
+    matters = off * spread[:, None, None] ** 2 > rules.TELLABLE
+    return ~np.any(matters & (off > rules.SLIGHT * size(coarse)), axis=(0, 1))
 
 
 def hangs_on(now: Fit, after: Fit, places: Sequence[int]) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ from hexsim.tracing.design.information import Hypothesis, shrunk
 from hexsim.tracing.fitting.covariance import inverse
 
 Array = np.ndarray
-NAMED = 2  # parameters that are named at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +37,7 @@ def ceiling_of(first: Hypothesis, matrices: Sequence[Array]) -> Ceiling:
     words = []
     for number in first.numbers:
         with_prior = together[number.place, : len(first.fit.priors)]
-        most = [j for j in np.argsort(-with_prior)[:NAMED] if with_prior[j] > rules.TELLABLE]
+        most = [j for j in np.argsort(-with_prior)[: rules.FEW] if with_prior[j] > rules.TELLABLE]
         own = [(first.fit.priors[j].key, first.fit.priors[j].half_width) for j in most]
         words.append(" and ".join(f"{key} is declared to {100 * width:.2g} %" for key, width in own))
     return Ceiling(errors=shrunk(first, share), declared=tuple(words))

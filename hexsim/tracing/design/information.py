@@ -34,8 +34,8 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 Array = np.ndarray
 SHARP = 0.1  # a number known to this share is sharp
 UNKNOWN = 1e-9  # share of what is known after a motion below which nothing is known
+ENOUGH = 10.0  # times the needed separation: more is worth nothing
 CREDIBLE = 2.0  # information a coordinate: errors smaller by e
-LEAST = 0.05  # of the needed separation: less is nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +131,6 @@ class Promise:
     errors: tuple[float, ...]
     information: float  # log of the ratio of the determinants, after to before, a coordinate; of a rest see `rest`
     needed: float = 4 * rules.SIGNIFICANT  # least separation that separates
-    enough: float = 10.0  # times that: more is worth nothing
     measure: str = "chi2"
     told: Array | None = None  # normal matrix of the motion
     hangs_on: tuple[str, ...] = ()  # of each error, see `believed.hangs_on`
@@ -145,7 +144,7 @@ class Promise:
         differences grow, and a real machine keeps little of it.
         """
         if self.separations:
-            sizes = np.clip(list(self.separations.values()), LEAST * self.needed, self.enough * self.needed)
+            sizes = np.clip(list(self.separations.values()), rules.SLIGHT * self.needed, ENOUGH * self.needed)
             return float(np.mean(np.log(sizes))) + min(self.information, CREDIBLE)
         error = 0.0 if wanted is None else self.errors[wanted]
         return min(self.information, CREDIBLE) - (float(np.log(error)) if 0.0 < error < np.inf else 0.0)

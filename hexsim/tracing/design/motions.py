@@ -30,9 +30,7 @@ FASTEST_Hz = 15.0  # what a loop of a few hertz still answers
 SMALLEST_SHARE = 0.1  # of the largest possible size
 FASTEST_STEP_Hz = 1.0  # periods of steps a second
 SEEDS = 64  # of phases
-FADE_S = 2.0  # [s] in and out
 FREE = 1.05  # the largest size stays this factor inside the limits
-ROUNDS = 3  # of scaling: legs are not quite linear in the pose
 FIRST_MOTIONS = (  # kind, lower and upper frequency, slope, size
     ("sweep", "slow", "slow", 0.5, 1.0),
     ("multisine", "slow", "fast", 0.5, 1.0),
@@ -156,7 +154,7 @@ class MotionFamily:
         low, high = sorted(float(SLOWEST_Hz * (FASTEST_Hz / SLOWEST_Hz) ** x) for x in (point[3], point[4]))
         driven = self.axes if kind == "multisine" else self.axes[axis : axis + 1]
         scale = 1.0
-        for _ in range(ROUNDS):
+        for _ in range(rules.FEW):
             axes = {
                 name: signal(
                     kind,
@@ -190,7 +188,6 @@ class MotionFamily:
             "mode": "dof" if hexapod else "actuator",
             "machine_name": self.machine.name,
             "duration_s": self.duration_s,
-            "fade_s": FADE_S,
             "fade": "smooth",
             "axes": axes,
         }

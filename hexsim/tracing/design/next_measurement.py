@@ -31,8 +31,6 @@ from hexsim.tracing.held_out import at_the_rest
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import Trace
 
-FIRST, ROUNDS = 16, 1  # motions tried at first, and rounds of as many that come from the best of them
-ONE_TERM = 1e-3  # of the needed separation: what is closer in every motion is one term of the balances
 Tell = Callable[[str, float], None]
 Open = OpenRest | OpenRefits
 
@@ -103,7 +101,7 @@ class NextMeasurement:
 
 
 def next_measurement(
-    trace: Trace, duration_s: float = rules.MOTION_S, tell: Tell | None = None, *, first: int = FIRST, rounds: int = ROUNDS,
+    trace: Trace, duration_s: float = rules.MOTION_S, tell: Tell | None = None, *, first: int = 4 * rules.FEW, rounds: int = 1,
     may_load: bool = True, largest: float = 1.0,
 ) -> NextMeasurement:  # fmt: skip
     """The motion of this length that tells most about what the trace has left open.
@@ -138,7 +136,7 @@ def next_measurement(
         log = replace(family.log(tables), loaded=True)
         load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
     apart = {pair: max(own.separations.get(pair, 0.0) for _, own in tried) for pair in found.tied}
-    alike = load_kg is None and bool(apart) and max(apart.values()) < ONE_TERM * found.needed
+    alike = load_kg is None and bool(apart) and max(apart.values()) < rules.SLIGHT * found.needed
     purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg, ceiling, alike)
     purpose = beside_one_term(purpose, trace.effects)
     if wanted is not None:

@@ -39,7 +39,6 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
 SEPARATED = -float(np.log(1.0 - rules.TELLABLE))  # least separation that is no tie
-ENOUGH = 3.0  # times that: more is worth nothing
 MEASURE = "log_of_rest"
 NOTHING = frozenset({""})  # no number is asked for
 
@@ -166,7 +165,6 @@ def promise(asked: OpenRest, log: Log) -> Promise:
         errors=shrunk(asked.first, share),
         information=2.0 * float(np.mean([*-np.log(share), *told]) - np.mean(np.log(dull or [1.0]))),
         needed=SEPARATED,
-        enough=ENOUGH,
         measure=MEASURE,
         told=new,
     )
@@ -283,7 +281,7 @@ def rehearsed(asked: OpenRest, log: Log) -> Promise:
     numbers = replace(asked.first, fit=fit).numbers
     return Promise(
         separations=separations, errors=tuple(n.standard_error for n in numbers), information=0.0, needed=SEPARATED,
-        enough=ENOUGH, measure=MEASURE, hangs_on=hangs_on(asked.first.fit, fit, [n.place for n in numbers]),
+        measure=MEASURE, hangs_on=hangs_on(asked.first.fit, fit, [n.place for n in numbers]),
     )  # fmt: skip
 
 

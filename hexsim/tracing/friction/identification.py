@@ -27,18 +27,13 @@ from hexsim.errors import HexsimError
 from hexsim.machine.files import changed
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
-from hexsim.signals.weak_form import Window, velocity
+from hexsim.signals.weak_form import HALF_WIDTH_S, SHORT_S, Window, velocity
+from hexsim.tracing import rules
 from hexsim.tracing.friction.stribeck import KEYS, curve, row_with
 from hexsim.tracing.leg_loads import leg_loads
 
 Array = np.ndarray
-WINDOW_s = 0.004  # half width for forces: short, for a window that contains a reversal is left out
-VELOCITY_WINDOW_s = (
-    0.025  # half width where noise of position and of integrated acceleration are equal (3 um, 0.02 m/s2)
-)
 SLOW = 4.0  # samples slower than this many sharpness widths are left out (there noise of v bends the curve)
-HELD = 1e4  # weight of a declared mass that the motion has no say in
-FEWEST = 200  # independent windows in each direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,13 +131,13 @@ def force_data(log: Log, machine: Machine, leg: int) -> ForceData:
     if log.n_legs == 1:
         a = log.columns["acceleration_m_s2"]
         mass = float(machine.load.moving_mass_kg or 0.0)
-        load, v = a + machine.machine.gravity_m_s2, velocity(y, a, log.rate, VELOCITY_WINDOW_s)
+        load, v = a + machine.machine.gravity_m_s2, velocity(y, a, log.rate, HALF_WIDTH_S)
         error = mass * machine.uncertainty.get("moving_mass_kg", 0.005) / np.sqrt(3)
         noise = float(np.hypot(noise, mass * sensors.acceleration_noise_m_s2))
     else:
         mass = float(machine.load.platform_mass_kg or 0.0)
         loads, along = leg_loads(log, machine)
-        load, v = loads[leg - 1] / mass, velocity(y, along[leg - 1], log.rate, VELOCITY_WINDOW_s)
+        load, v = loads[leg - 1] / mass, velocity(y, along[leg - 1], log.rate, HALF_WIDTH_S)
         error = mass * machine.uncertainty.get("platform_mass_kg", 0.005) / np.sqrt(3)
     return ForceData(
         oil_N=oil, load_per_mass_m_s2=load, v=v, mass_kg=mass, mass_error_kg=error, mass_from_motion=log.n_legs == 1,
@@ -160,7 +155,7 @@ def identify_friction(log: Log, machine: Machine, leg: int = 1) -> FrictionResul
     if not 1 <= leg <= machine.n_legs:
         raise HexsimError(f"leg {leg} does not exist: {machine.name} has legs 1 to {machine.n_legs}")
     data = force_data(log, machine, leg)
-    look = Window(log.rate, max(WINDOW_s, 3.0 / log.rate))
+    look = Window(log.rate, max(SHORT_S, 3.0 / log.rate))
     slow = SLOW * max(machine.legs[leg - 1].friction.sharpness_m_s, 1e-4)
     step = max(1, look.half)
     keep = np.zeros(len(data.v), dtype=bool)
@@ -169,7 +164,7 @@ def identify_friction(log: Log, machine: Machine, leg: int = 1) -> FrictionResul
     keep &= ~stopped
     counts = [int((keep & (data.v > 0)).sum()), int((keep & (data.v < 0)).sum())]
     for count, way in zip(counts, ("out", "in"), strict=True):
-        if count < FEWEST / 10:
+        if count < 2 * len(KEYS):
             raise HexsimError(
                 f"log {log.name}: leg {leg} hardly moves {way} faster than {slow * 1e3:.1f} mm/s ({count} windows): "
                 "give strokes in both directions"
@@ -189,7 +184,7 @@ def fit(log: Log, machine: Machine, leg: int, data: ForceData, look: Window, kee
     noise = data.noise_N * float(np.linalg.norm(look.mean(impulse)))
     scale = np.maximum(declared, [200.0, 10.0, 10.0, 1e-3] * 2)
 
-    prior = 1.0 if data.mass_from_motion else HELD
+    prior = 1.0 if data.mass_from_motion else 1.0 / rules.HELD
 
     def misfit(x: Array) -> Array:
         model = look.mean(curve(row_with(machine, x[:8] * scale), data.v))[keep]
@@ -262,7 +257,7 @@ def notes_on(values: Array, errors: Array, rest: Array, noise: float, v: Array, 
     for way, speeds in (("extend", v[v > 0]), ("retract", -v[v < 0])):
         c = values[3 if way == "extend" else 7]
         inside = (np.sign(v) == (1 if way == "extend" else -1)) & (np.abs(v) < 2 * c)
-        if inside.any() and np.median(np.abs(a[inside])) * 2 * WINDOW_s > c:
+        if inside.any() and np.median(np.abs(a[inside])) * 2 * SHORT_S > c:
             notes.append(
                 f"{way}: the Stribeck part is crossed within a few windows, static and c_s may be off: move slowly"
             )

@@ -31,8 +31,6 @@ from hexsim.tracing.term_selection import residual, rms, solve_physical
 
 Array = np.ndarray
 Sentences = dict[str, dict[str, str]]  # of a run and a channel
-MOST_S = 1.0  # [s] that balances move a channel by
-STEP_SAMPLES = 0.5  # of finite differences
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +101,7 @@ class Problem:
         seconds = start
         for _ in range(2):
             sizes = [max(rms(rest), 1e-300) for rest in self.rests(lates, seconds)[0]]
-            bounds: Any = (start - MOST_S, start + MOST_S)
+            bounds: Any = (start - rules.LONGEST_DELAY_S, start + rules.LONGEST_DELAY_S)
             slopes: Any = self.slopes
             found = least_squares(self.weighed, seconds, slopes, bounds, args=(lates, sizes), x_scale=0.01)
             seconds = found.x
@@ -120,7 +118,7 @@ class Problem:
 
     def slopes(self, seconds: Array, lates: Sequence[Late], sizes: Sequence[float]) -> Array:
         """Finite differences of `weighed` by every delay (m, n)."""
-        steps = np.diag([STEP_SAMPLES / self.points[late.run].log.rate for late in lates])
+        steps = np.diag([1.0 / self.points[late.run].log.rate for late in lates])
         middle = self.weighed(seconds, lates, sizes)
         return np.column_stack([(self.weighed(seconds + step, lates, sizes) - middle) / step.max() for step in steps])
 

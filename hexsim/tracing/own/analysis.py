@@ -18,7 +18,6 @@ from hexsim.tracing.term_regression import OwnVerdict, numbers, trace_own
 from hexsim.tracing.term_selection import Chosen, best_placed, losses_of, placed, residual, rms, solve
 
 Array = np.ndarray
-HELD = 1e-6  # relative uncertainty of a term that is held to its declaration
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,7 +145,7 @@ def other_signs(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) ->
             held, free = (
                 replace(balance, terms=(*balance.terms[:k], other, *balance.terms[k + 1 :]))
                 for other in (
-                    replace(one, uncertainty=HELD * abs(one.declared)),
+                    replace(one, uncertainty=rules.HELD * abs(one.declared)),
                     replace(one, declared=None, uncertainty=0.0),
                 )
             )
@@ -239,7 +238,7 @@ def extremes(runs: Sequence[RunData], left: Sequence[Array]) -> list[str]:
             if len(means) < 6:
                 continue
             shift, error = float(np.mean(means)), float(np.std(means, ddof=1)) / math.sqrt(len(means))
-            if abs(shift) > math.sqrt(rules.SIGNIFICANT) * error and abs(shift) > rest:
+            if abs(shift) > rules.CERTAIN * error and abs(shift) > rest:
                 text = f"{word} {limit:.4g} of {name} (3 % of the samples, {len(means)} occasions) the rest is {shift:+.3g}"
                 found.append((-abs(shift) / max(error, 1e-300), f"{text} +- {error:.2g}"))
     return [text for _, text in sorted(found)[:3]]

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import MOST_POINTS, legend, new_figure, png, styled
+from hexsim.recording.figure_style import MOST_POINTS, WIDE, legend, new_figure, png, styled
 from hexsim.recording.page import (
     EMPTY,
     Column,
@@ -34,7 +34,6 @@ from hexsim.tracing.own.analysis import OwnTrace
 from hexsim.tracing.own.folder import OwnMachine
 
 SHOWN_S = 30.0  # of a run
-WIDE = 30.0  # largest by smallest bar beyond which the axis is logarithmic
 NOTHING_MISSING = "nothing missing"
 VERDICTS = ("explained in part", "unexplained", NOTHING_MISSING)  # how a balance's verdict begins
 STEPS = (("declared", "as declared"), ("refit", "refitted"), ("with_terms", "with the terms"))
@@ -151,7 +150,7 @@ def budget(trace: OwnTrace) -> Figure:
     plot.set_yticks(np.arange(len(rows)), [name[:40] for name, _ in rows])
     plot.invert_yaxis()
     sizes = [size for _, row in rows for size in row.values() if size > 0.0]
-    wide = bool(sizes) and max(sizes) > WIDE * min(sizes)
+    wide = bool(sizes) and max(sizes) > 10.0**WIDE * min(sizes)
     if wide:
         plot.set_xscale("log")
         plot.set_xlim(left=0.5 * min(sizes))

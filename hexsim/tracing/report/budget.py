@@ -10,14 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, png, styled
+from hexsim.recording.figure_style import WIDE, WIDTH_IN, png, styled
 from hexsim.recording.quantity import plain
 from hexsim.signals.channels import kind_of
 from hexsim.tracing.report.signals import SCALE, channel_words
 from hexsim.tracing.state import Trace
 
 STEP_COLOURS = (palette.DEVIATION, palette.MARK, palette.RESPONSE)  # declared, refitted, with effects
-WIDE = 2.0  # decades beyond which each has one tick, below three
 ROOM = 1.5  # of the axis beyond the longest bar, for its figure
 
 

@@ -11,6 +11,8 @@ temperature: a log of a minute warms it by tenths of a degree.
 
 from __future__ import annotations
 
+from itertools import accumulate
+
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, learned, leg, supply
 from hexsim.hydraulics.parameters import P
@@ -34,12 +36,8 @@ from hexsim.mechanics.rigid_body import (
 SUPPLY, TRAVEL, TRAVEL_RATE, MOTOR, PUMP_FLOW, LINE_FLOW, PUMP_PRESSURE, LEGS = range(8)
 LEG_P1, LEG_P2, LEG_X, LEG_XD, LEG_Z, LEG_MEMORY, LEG_STATES = range(7)
 POSITION, SPEED, N_AXIS = range(3)  # of a mass on an axis
-PLACE, QUATERNION, VELOCITY, OMEGA, N_PLATFORM = (
-    0,
-    3,
-    7,
-    10,
-    13,
+PLACE, QUATERNION, VELOCITY, OMEGA, N_PLATFORM = accumulate(
+    (0, 3, 4, 3, 3)
 )  # of a platform: origin in the world, rates in its frame
 
 

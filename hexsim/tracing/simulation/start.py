@@ -1,7 +1,7 @@
 """The state in which a simulation of a log begins: load, pressures, supply.
 
 Both pressures of a leg with two chambers on the valve are states that no load fixes. They begin as measured, and are
-then corrected by a few steps of single shooting over the first SHOT_S of the log, all along the slopes of the first: the
+then corrected by a few steps of single shooting over the first rules.BLOCK_S of the log, all along the slopes of the first: the
 pressures to which the model answers best there. So a log may begin in any transient.
 """
 
@@ -30,9 +30,8 @@ from hexsim.tracing.simulation.rig import Rig
 
 Array = np.ndarray
 REST_M = 2.0e-5  # [m] a log that begins this near its setpoint begins at rest
-SHOT_S = 0.4  # [s] of the log that correct the pressures
 SHOT_Pa = 1.0e3  # finite difference of a start pressure: ten times wider, the answer bends and the steps fall short
-RINGING, CURVE = 2.0, 6  # times the noise, from which it does; order of the curve that is no ringing, up to 30 Hz
+CURVE = 6  # order of the curve that is no ringing, up to 30 Hz
 UNKNOWN_Pa = 1.0e6  # what a start pressure may be off by that is not measured
 
 
@@ -103,7 +102,7 @@ def ringing_Pa(log: Log, noise_Pa: float) -> Array:
     basis = np.vander(np.linspace(-1.0, 1.0, n), CURVE + 1)
     first = log.pressure[:, :n].T
     square = np.sum((first - basis @ np.linalg.lstsq(basis, first)[0]) ** 2, axis=0) / (n - CURVE - 1)
-    return np.where(square > (RINGING * noise_Pa) ** 2, np.sqrt(np.maximum(square - noise_Pa**2, 0.0)), 0.0)
+    return np.where(square > rules.NEAR * noise_Pa**2, np.sqrt(np.maximum(square - noise_Pa**2, 0.0)), 0.0)
 
 
 def start_pressures(
@@ -156,11 +155,11 @@ def load_at(rig: Rig, resolved: Resolved, y: Array, v: Array) -> tuple[Array, fl
 def shot(rig: Rig, inputs: loop.Inputs, state: Array, log: Log, noise: Mapping[str, float]) -> Array:
     """The start state with the pressures of two-chamber legs corrected by what follows, see above; else as it is.
 
-    Least squares over all channels of the first SHOT_S with their noise, the pressures held to where they stand by what
+    Least squares over all channels of the first rules.BLOCK_S with their noise, the pressures held to where they stand by what
     the log leaves open of them. A start that diverges, and a log that shows nothing but positions, change nothing.
     """
     two = [i for i, row in enumerate(rig.legs) if row[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE]
-    n = min(int(SHOT_S * log.rate), log.n)
+    n = min(int(rules.BLOCK_S * log.rate), log.n)
     shown = {stem: np.atleast_2d(rows)[:, :n] for stem in COMPARED if (rows := log.signal(stem)) is not None}
     if not two or not any(np.any(rows) for stem, rows in shown.items() if stem != "position"):
         return state

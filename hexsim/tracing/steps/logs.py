@@ -15,7 +15,7 @@ from hexsim.readers import log_files, read_stretches
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
-from hexsim.tracing.balances.controller import ALIKE, AT_NOISE, loops_of, reads_another_transducer
+from hexsim.tracing.balances.controller import ALIKE, loops_of, reads_another_transducer
 from hexsim.tracing.checks.checks import refuse_misleading
 from hexsim.tracing.checks.finding import Finding, loss
 from hexsim.tracing.checks.imu import at_origin
@@ -33,7 +33,6 @@ DRIVEN = {
     OWN_TRANSDUCER: "the declared loop's setpoints, its position read by a transducer that is not logged, drive",
 }
 SLOWER = 0.95  # of the controller's rate, from which a log is slower than it: clocks differ by less
-SHORTEST_STRETCH_S = 2.0  # of a run with gaps; the first 0.3 s of each do not count
 
 
 def read_runs(
@@ -48,7 +47,7 @@ def read_runs(
         parts = [
             replace(part, loaded=name in loaded) for part in read_stretches(log_files(folder, name), mapping, machine)
         ]
-        parts = [part for k, part in enumerate(parts) if k == 0 or part.duration_s >= SHORTEST_STRETCH_S]
+        parts = [part for k, part in enumerate(parts) if k == 0 or part.duration_s >= rules.REST_BLOCK_S]
         logs += [
             one if k == 0 else replace(one, name=f"{one.name} from {one.offset_s:.1f} s") for k, one in enumerate(parts)
         ]
@@ -78,7 +77,7 @@ def another_controller(machine: Machine, log: Log, noise: dict[str, float]) -> b
     asked = np.clip(K * (log.setpoint - log.position), -limit, limit)
     every = max(round(log.rate / machine.controller.rate_Hz), 1)
     off = np.median(np.abs(log.volts - asked)[:, log.tick_phase(every) :: every])
-    another = off > AT_NOISE * K.max() * noise["position_m"] and off > ALIKE * np.std(log.volts)
+    another = off > rules.CERTAIN * K.max() * noise["position_m"] and off > ALIKE * np.std(log.volts)
     return bool(another) and loops_of(log, machine) is None
 
 

@@ -16,6 +16,7 @@ from hexsim.mechanics.rigid_body import Suspension, pushed_back
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import WIDE_S, Window
+from hexsim.tracing import rules
 from hexsim.tracing.balances.balance import measured_point, resolved_machine, sensed_leg
 from hexsim.tracing.balances.continuity import Continuity
 from hexsim.tracing.balances.controller import Loop
@@ -25,6 +26,7 @@ from hexsim.tracing.balances.platform import Platform, felt_by_load
 from hexsim.tracing.dependence import tone_of
 from hexsim.tracing.fitting.parameters import Candidate, candidates
 from hexsim.tracing.state import Step, Tell, Trace, Violation
+from hexsim.tracing.steps.residuals import THIN
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
@@ -32,14 +34,13 @@ OCTAVES_Hz = (4.0, 8.0, 16.0, 32.0)  # of a payload's spring
 PLACES = 150  # along the stroke at which wear is looked for
 PITCHES_M = (2e-4, 1e-2)  # of a scale's ripple
 CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
-LINE = 6.0  # times the rms of all pitches: noise comes to 3, a ripple of 2 um to 14
 SEEN_FIRST = ("position_ripple",)  # without their shape they have no column
 SLOW_M_S = 0.01  # below it a ripple is slower than that window
 
 
 def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
-    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), 5) for log in logs]
+    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), THIN) for log in logs]
     platform, force = Platform(), Force()
     high = _high_pressure(logs, keep) | _worn_place(machine, logs, keep) | _scale_ripple(machine, logs, keep)
     if all(platform.wants(log, machine) for log in logs):
@@ -53,7 +54,7 @@ def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str
         "flexible_payload": _payload_shape(
             logs, keep, [r[None] for r in residuals], [accelerations_of(g) for g in logs]
         ),
-        "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / 5)[0]},
+        "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / THIN)[0]},
     }
 
 
@@ -124,7 +125,7 @@ def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> d
         if level > best[0]:
             phase = float(np.angle(1j * wave[j]))  # of A sin: -i A/2 exp(i phase)
             best = (level, {"pitch_m": float(1.0 / lines[j]), "phase_rad": phase})
-    return {"position_ripple": best[1]} if best[0] > LINE else {}
+    return {"position_ripple": best[1]} if best[0] > rules.CERTAIN else {}
 
 
 def _gain(X: Array, r: Array) -> float:

@@ -32,7 +32,6 @@ from hexsim.tracing.steps.one_term import with_readings
 from hexsim.tracing.steps.verdict import held_out_gains, named_effect
 
 Array = np.ndarray
-SAME_TERM = 1e-8  # share that one column leaves of another where both are one term
 TANGENT = 0.05  # share of the trial size at which tangents are taken: near a resonance the answer is soon nonlinear
 
 
@@ -153,7 +152,7 @@ def same_terms(
         if not np.isfinite(scale) or scale == 0.0:
             continue
         coordinate = float(own @ does) / scale
-        if np.sum((does - coordinate * own) ** 2) > SAME_TERM * (does @ does):
+        if np.sum((does - coordinate * own) ** 2) > rules.SAME**2 * (does @ does):
             continue
         number = candidate.effect.parameters[0]
         low, high = coordinate_bounds(number)
