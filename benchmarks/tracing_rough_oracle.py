@@ -32,7 +32,7 @@ from journal import RESULTS, append, lines_of
 from tracing_rough import NUMBER, begun_trace, named_of, score, there
 
 from hexsim.tracing.fitting import rest_level
-from hexsim.tracing.fitting.fit import Fit, answered, coordinates_of, fit_at, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, coordinates_of, evaluate, fit_at, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, named, to_coordinate
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.problems.balance import BalanceProblem
@@ -118,7 +118,7 @@ def with_ripple(base: RestFit, line: dict, problem: BalanceProblem) -> RestFit:
         return base
     ripple = named("position_dependent_friction", wavelength_m=0.03)
     start = np.append(coordinates_of(base.fit), size / 20.0)
-    return refit(rest_level.begun_with(base.fit, ripple, start, problem), problem)
+    return refit(rest_level.initialise(base.fit, ripple, start, problem), problem)
 
 
 def at_truth(fit: Fit, line: dict, problem: BalanceProblem) -> Fit:
@@ -144,7 +144,7 @@ def at_truth(fit: Fit, line: dict, problem: BalanceProblem) -> Fit:
         value = min(max(small.get(candidate.effect.name, number.neutral), low), high)
         values.append(candidate.start() | {number.name: value})
     deviations = np.array([true[prior.key] for prior in fit.priors])
-    return answered(replace(fit, deviations=deviations, values=tuple(values), columns=None), problem)
+    return evaluate(replace(fit, deviations=deviations, values=tuple(values), columns=None), problem)
 
 
 def held_at(fit: Fit, candidate: Candidate, number: float, problem: BalanceProblem) -> RestFit:
@@ -152,15 +152,15 @@ def held_at(fit: Fit, candidate: Candidate, number: float, problem: BalanceProbl
     size = candidate.effect.parameters[0]
     fixed = replace(size, bounds=(number, number))
     effect = replace(candidate.effect, parameters=(fixed, *candidate.effect.parameters[1:]))
-    bare, _ = rest_level.released(RestFit(fit=fit, columns=[], cost=0.0), candidate)
+    bare, _ = rest_level.without_nuisance(RestFit(fit=fit, columns=[], cost=0.0), candidate)
     start = np.append(coordinates_of(bare), to_coordinate(size, number))
-    begun = rest_level.begun_with(bare, replace(candidate, effect=effect), start, problem)
+    begun = rest_level.initialise(bare, replace(candidate, effect=effect), start, problem)
     return refit(refit(begun, problem.slow_alone()).fit, problem)
 
 
 def loosed(fit: Fit, candidate: Candidate, problem: BalanceProblem) -> Fit:
     """A held fit whose effect is free again."""
-    return answered(replace(fit, candidates=(*fit.candidates[:-1], candidate)), problem)
+    return evaluate(replace(fit, candidates=(*fit.candidates[:-1], candidate)), problem)
 
 
 def refit(fit: Fit, problem: BalanceProblem) -> RestFit:
@@ -171,9 +171,9 @@ def refit(fit: Fit, problem: BalanceProblem) -> RestFit:
 def known_fall(start: Fit, candidate: Candidate, number: float, problem: BalanceProblem) -> float:
     """Fall of J by the effect, everything else at the truth."""
     size = candidate.effect.parameters[0]
-    bare, _ = rest_level.released(RestFit(fit=start, columns=[], cost=0.0), candidate)
-    bare = answered(fit_at(bare, coordinates_of(bare)), problem)
-    there = rest_level.begun_with(
+    bare, _ = rest_level.without_nuisance(RestFit(fit=start, columns=[], cost=0.0), candidate)
+    bare = evaluate(fit_at(bare, coordinates_of(bare)), problem)
+    there = rest_level.initialise(
         bare, candidate, np.append(coordinates_of(bare), to_coordinate(size, number)), problem
     )
     return rest_level.cost_of_rows(bare, problem) - rest_level.cost_of_rows(there, problem)

@@ -30,9 +30,9 @@ Limits: the void is vapour alone. Air that leaves the solution, and takes second
 """
 
 from hexsim.compiled import compiled
+from hexsim.declaration import ATMOSPHERE_Pa
 
-ATMOSPHERE = 1.01325e5  # [Pa]; pressures are gauge, absolute zero is -ATMOSPHERE
-VAPOUR = 10.0 - ATMOSPHERE  # [Pa] gauge; mineral oils boil at 0.1 to 10 Pa absolute at 20 to 60 degC
+VAPOUR = 10.0 - ATMOSPHERE_Pa  # [Pa] gauge; mineral oils boil at 0.1 to 10 Pa absolute at 20 to 60 degC
 LEAST_OF_AIR = 2.0e4  # [Pa] absolute: below it free air swells at the rate it has there, and vapour soon does the rest
 VOLUME_FLOOR = 1.0e-6  # [m3] smallest chamber volume, reached only at the end stop
 AIR_EXPONENT = 1.4  # [-] of a ripple: bubbles are compressed faster than they exchange heat
@@ -49,8 +49,8 @@ def bulk_modulus(pressure, oil_modulus, air_fraction):
     """Effective bulk modulus [Pa] of oil with entrained air, for a ripple about the gauge pressure `pressure`."""
     if air_fraction <= 0.0:
         return oil_modulus
-    absolute = max(pressure + ATMOSPHERE, LEAST_OF_AIR)
-    air = air_fraction * ATMOSPHERE / absolute
+    absolute = max(pressure + ATMOSPHERE_Pa, LEAST_OF_AIR)
+    air = air_fraction * ATMOSPHERE_Pa / absolute
     return (1.0 + air) / (1.0 / oil_modulus + air / (AIR_EXPONENT * absolute))
 
 

@@ -10,9 +10,9 @@ from hexsim.hydraulics import friction
 from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
 from hexsim.signals.lag import lag_weights
 
-NONE, CONTINUITY, FORCE = 0, 1, 2  # balance that a learned term joins: [m3/s] or [N]
+NONE, CONTINUITY, FORCE = range(3)  # balance that a learned term joins: [m3/s] or [N]
 SIGNALS = ("position_m", "velocity_m_s", "valve_V", "pressure_bottom_Pa", "pressure_supply_Pa", "time_s", "speed_m_s")
-PLAIN, DIRECTION, PRODUCT = 0, 1, 2  # g(s); one g(s) moving out and one moving in; v g(s)
+PLAIN, DIRECTION, PRODUCT = range(3)  # g(s); one g(s) moving out and one moving in; v g(s)
 FORMS = ("plain", "direction", "product")
 HALF = LEARNED_KNOTS // 2  # knots of each curve of "direction": moving out first
 

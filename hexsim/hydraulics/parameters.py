@@ -134,7 +134,7 @@ class P(IntEnum):
     CUSHION_CHOKE_HIGH = 98
 
 
-ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
+ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = map(float, range(3))  # at supply pressure; behind a port; on port B
 ROD_SIDES = {"supply": ROD_SIDE_SUPPLY, "chamber": ROD_SIDE_PORT, "valve": ROD_SIDE_VALVE}
 
 LEARNED_TABLE = len(P)  # the curve stands behind the named places

@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
+from hexsim.declaration import ATMOSPHERE_Pa
 from hexsim.hydraulics import learned, leg, rod_side, supply, valve
-from hexsim.hydraulics.chamber import ATMOSPHERE, VAPOUR
+from hexsim.hydraulics.chamber import VAPOUR
 from hexsim.hydraulics.parameters import LEARNED_TABLE, ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import (
     supply_edge_flow,
@@ -208,7 +209,7 @@ def may_cavitate(p, y, v, x, P1, P2, Ps, capacity):
 @compiled
 def power_unit_steps(s, pump_pressure):
     """Steps a second [1/s] that a power unit asks for at this pressure of pump and accumulator."""
-    return 1.0 / FASTEST_LAW_S if pump_pressure + ATMOSPHERE < EMPTY * s[S.PRECHARGE] else 0.0
+    return 1.0 / FASTEST_LAW_S if pump_pressure + ATMOSPHERE_Pa < EMPTY * s[S.PRECHARGE] else 0.0
 
 
 @compiled

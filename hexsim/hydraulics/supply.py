@@ -30,9 +30,8 @@ from enum import IntEnum
 import numpy as np
 
 from hexsim.compiled import compiled
-from hexsim.declaration import Machine
+from hexsim.declaration import ATMOSPHERE_Pa, Machine
 from hexsim.hydraulics import chamber
-from hexsim.hydraulics.chamber import ATMOSPHERE
 from hexsim.hydraulics.oil import dynamic_viscosity
 
 
@@ -85,7 +84,7 @@ class U(IntEnum):
 
 N_SUPPLY = len(S)
 N_POWER_UNIT_STATES = len(U)
-CONSTANT, LINE, POWER_UNIT = 0, 1, 2  # kind of a supply, as its row says
+CONSTANT, LINE, POWER_UNIT = range(3)  # kind of a supply, as its row says
 N_STATES = {CONSTANT: 0, LINE: 1, POWER_UNIT: N_POWER_UNIT_STATES}  # the last one is Ps
 
 
@@ -106,7 +105,7 @@ def pump_flow_command(s, speed, pressure):
 @compiled
 def gas_volume(s, pressure):
     """Gas volume of the accumulator [m3]; all of it below the precharge."""
-    absolute = max(pressure + ATMOSPHERE, s[S.PRECHARGE])
+    absolute = max(pressure + ATMOSPHERE_Pa, s[S.PRECHARGE])
     return s[S.GAS_VOLUME] * (s[S.PRECHARGE] / absolute) ** (1.0 / s[S.EXPONENT])
 
 
@@ -119,19 +118,19 @@ def accumulator_oil(s, pressure):
 @compiled
 def accumulator_energy(s, pressure):
     """Work [J] that the oil has done on the gas since precharge, atmosphere's share taken off."""
-    absolute = max(pressure + ATMOSPHERE, s[S.PRECHARGE])
+    absolute = max(pressure + ATMOSPHERE_Pa, s[S.PRECHARGE])
     gas, n = gas_volume(s, pressure), s[S.EXPONENT]
     if n - 1.0 < 1.0e-9:
         work = s[S.PRECHARGE] * s[S.GAS_VOLUME] * math.log(s[S.GAS_VOLUME] / gas)
     else:
         work = (absolute * gas - s[S.PRECHARGE] * s[S.GAS_VOLUME]) / (n - 1.0)
-    return work - ATMOSPHERE * (s[S.GAS_VOLUME] - gas)
+    return work - ATMOSPHERE_Pa * (s[S.GAS_VOLUME] - gas)
 
 
 @compiled
 def gas_capacity(s, pressure):
     """-dV_gas/dP [m3/Pa] of the accumulator's gas, at its precharge below that."""
-    return gas_volume(s, pressure) / (s[S.EXPONENT] * max(pressure + ATMOSPHERE, s[S.PRECHARGE]))
+    return gas_volume(s, pressure) / (s[S.EXPONENT] * max(pressure + ATMOSPHERE_Pa, s[S.PRECHARGE]))
 
 
 @compiled
@@ -161,7 +160,7 @@ def line_rate(s, state, demand, nominal, h):
 def pump_side_capacity(s, pressure):
     """C_p [m3/Pa] of accumulator, oil and half the hose at the pump."""
     oil = s[S.PUMP_SIDE_VOLUME] / s[S.BULK_MODULUS] + s[S.HOSE_COMPLIANCE]
-    if pressure + ATMOSPHERE <= s[S.PRECHARGE]:
+    if pressure + ATMOSPHERE_Pa <= s[S.PRECHARGE]:
         return oil
     return oil + gas_capacity(s, pressure)
 
@@ -273,7 +272,7 @@ def declared_supply(machine: Machine) -> np.ndarray:
         S.PUMP_LEAK: unit.pump_leakage_m3_s_Pa,
         S.PUMP_FRICTION: unit.pump_friction_W,
         S.GAS_VOLUME: unit.accumulator_volume_m3,
-        S.PRECHARGE: unit.accumulator_precharge_fraction * machine.supply.pressure_Pa + ATMOSPHERE,
+        S.PRECHARGE: unit.accumulator_precharge_fraction * machine.supply.pressure_Pa + ATMOSPHERE_Pa,
         S.EXPONENT: unit.polytropic_exponent,
         S.PUMP_SIDE_VOLUME: unit.pump_side_volume_m3,
         S.LINE_INERTANCE: oil.density_kg_m3 * unit.line_length_m / bore,

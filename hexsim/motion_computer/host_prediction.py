@@ -24,11 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
+from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.motion_computer.host_process import FEWEST, POINTS, TREND, LENGTHS_s, add_process, fit_process, solve
 
 Array = NDArray[np.float64]
+AXES = len(DOF_NAMES)
 KEPT = 64  # setpoints, and fits
-AXES = 6  # of a pose
 ORDERS_AND_COUNTS = np.array(  # by the number of setpoints, so that sums over them go on from one to the next
     [(0, 1), (1, 2), (2, 3), (2, 4), (3, 4), (3, 5), (1, 6), (3, 6), (4, 6), (2, 8), (4, 8), (3, 12), (5, 12), (2, 16),
      (4, 16), (3, 24), (5, 24), (4, 32), (5, 48)]

@@ -26,14 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
+from hexsim.mechanics.kinematics import N_LEGS
 from hexsim.motion_computer.host_packet import LATEST_S
 from hexsim.packets import described
 
 HEADER = struct.Struct("<4sHHIIdd")
 MAGIC = b"HXT1"
-MOST_LEGS, MOST_ROWS = 6, 4  # of a packet: 1,216 bytes, below what any IPv6 network takes whole
+MOST_ROWS = 4  # of a packet: 1,216 bytes, below what any IPv6 network takes whole
 LARGEST = 1e10  # SI; a hundred times the pressure of the strongest hydraulics, and far beyond any other reading
-LARGEST_PACKET = HEADER.size + MOST_ROWS * (5 * MOST_LEGS + 7) * 8
+LARGEST_PACKET = HEADER.size + MOST_ROWS * (5 * N_LEGS + 7) * 8
 Array = NDArray[np.float64]
 
 
@@ -73,7 +74,7 @@ def unpack_telemetry(
     if len(data) < HEADER.size or data[:4] != MAGIC:
         return f"no telemetry: {described(data)}"
     _, n, m, sequence, reserved, time_s, rate_Hz = HEADER.unpack_from(data)
-    if not (1 <= n <= MOST_LEGS and 1 <= m <= MOST_ROWS) or reserved != 0:
+    if not (1 <= n <= N_LEGS and 1 <= m <= MOST_ROWS) or reserved != 0:
         return f"telemetry of {n} legs in {m} rows"
     if len(data) != HEADER.size + 8 * m * width(n):
         return f"telemetry of {n} legs in {m} rows with {len(data)} bytes (it has {HEADER.size + 8 * m * width(n)})"

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from hexsim.cueing.washout import g as g0
 from hexsim.errors import HexsimError
 from hexsim.qualification import measures
 from hexsim.qualification.rig import Motion, Rig
@@ -16,7 +17,6 @@ from hexsim.qualification.rows import (
     PART_60,
     ROTATIONS,
     Row,
-    g0,
     half_hertz_curve,
     half_hertz_rows,
     leg_balance_row,

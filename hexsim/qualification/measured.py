@@ -18,6 +18,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from hexsim.cueing.washout import g as g0
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.files.atomic import write_text
@@ -134,7 +135,7 @@ def _passed(rows: list[Row]) -> bool | None:
     return all(judged) if judged else None
 
 
-def motion_of(log: Log, mechanics: Mechanics, imu: Imu | None, gravity_m_s2: float = 9.81) -> tuple[Motion, list[str]]:
+def motion_of(log: Log, mechanics: Mechanics, imu: Imu | None, gravity_m_s2: float = g0) -> tuple[Motion, list[str]]:
     """The log as a motion of the coordinates, and what is to be said of it."""
     setpoints = log.setpoint
     if setpoints is None or not len(log.position):

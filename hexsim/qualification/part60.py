@@ -24,6 +24,7 @@ from scipy.signal import welch
 
 from compensation import Compensator
 from hexsim.cueing.washout import Cueing, Washout
+from hexsim.cueing.washout import g as g0
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.workspace import excursions
@@ -31,7 +32,7 @@ from hexsim.motion_computer.host_packet import HostCommand
 from hexsim.motion_computer.limits import pose_limits
 from hexsim.motion_computer.states import State
 from hexsim.qualification.rig import MachineRig, Motion
-from hexsim.qualification.rows import NAMES, ROTATIONS, Row, g0
+from hexsim.qualification.rows import NAMES, ROTATIONS, Row
 from hexsim.scenarios import Scenario
 from hexsim.setpoints.signal import Signal
 from hexsim.simulation.serve import Server

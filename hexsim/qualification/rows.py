@@ -18,7 +18,6 @@ from hexsim.smoothness.threshold import SOURCE, PERCEPTION_m_s2
 
 ROTATIONS = ("roll", "pitch", "yaw")
 NAMES = {"x": "surge x", "y": "sway y", "z": "heave z"}
-g0 = 9.81
 
 # where each limit comes from
 PART_60 = "[S] 14 CFR Part 60, app. A: within +-0.05 g"

@@ -4,8 +4,9 @@ What follows from them is derived where it is used. Numbers of a motion, a windo
 """
 
 from hexsim.inference.search import OWN
-from hexsim.inference.verdict import CHANCE
+from hexsim.inference.verdict import CHANCE, END
 
+__all__ = ["END"]
 # Chance, and what passes for a difference
 ERRORS = 3.0  # standard errors from which something is there: chance brings it once in 370 times
 SIGNIFICANT = (
@@ -58,7 +59,6 @@ START = 0.5  # typical sizes at which a refit begins where no column tells the s
 LARGEST_START = 3.0  # typical sizes at which any refit begins
 BASE_TOLERANCE = 0.02  # a refit of the declared machine stops when a step takes less of the excess chi2
 LEAST_STEP = 0.01  # of finite differences: half widths of a declared parameter, coordinates of an effect
-END = 1.0e-3  # of a bound: a number as near to it is at the end of its range
 FOLDS = 6  # of the blocks, or runs: each is predicted from the others
 # Measurements that are designed
 MOTION_S = 20.0  # as the guide asks of a log to fit

@@ -114,7 +114,7 @@ def on_machine(effect: Effect, machine: Machine, kind: str) -> tuple[float, Sign
     changed = with_settings(machine, {}, [(candidate_of(effect), values)])
     sweep_Hz = values["frequency_Hz"] if "damping_ratio" in values else None
     asked = asked_log(machine, kind, sweep_Hz)
-    plain, log = (answered(one, asked) for one in (machine, changed))
+    plain, log = (simulated(one, asked) for one in (machine, changed))
     if not np.all(np.isfinite(log.position)):
         return None
     found: list[tuple[float, Balance, int, Array, Array]] = []
@@ -212,7 +212,7 @@ def asked_log(machine: Machine, kind: str, sweep_Hz: float | None) -> Log:
     )
 
 
-def answered(machine: Machine, asked: Log) -> Log:
+def simulated(machine: Machine, asked: Log) -> Log:
     """What the sensors would show, without noise."""
     out = simulate_log(machine, asked, 0, {})
     columns = dict(asked.columns)

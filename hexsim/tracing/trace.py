@@ -20,7 +20,7 @@ from hexsim.tracing.store import FILE, Asked, Stored, save
 
 Progress = Callable[[str, float], None]
 Keep = Callable[[Trace], None]
-READING, WRITING = 0.02, 0.06  # shares of the time of a usual trace
+READING = WRITING = 1.0 / (len(STEPS) + 2)  # shares of the progress bar: as much as a usual step
 
 
 def trace(

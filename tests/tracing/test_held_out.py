@@ -68,12 +68,12 @@ def test_the_right_effect_passes_and_a_wrong_one_is_refused(bench):
     assert {own.channel for own in held_out.growths(problem, leaks, machine)} >= {"position_m", "pressure_bottom_Pa"}
     base = fit.start_fit(machine, parameters.priors(machine)[:1], problem)
     right, wrong = named("leakage_supply_to_chamber"), named("leakage_chamber_to_tank")
-    one = fit.answered(replace(base, candidates=(right,), values=(LEAK,)), problem)
+    one = fit.evaluate(replace(base, candidates=(right,), values=(LEAK,)), problem)
     assert held_out.refused(one, base, problem) is None
-    k, why = held_out.refused(fit.answered(replace(base, candidates=(wrong,), values=(LEAK,)), problem), base, problem)
+    k, why = held_out.refused(fit.evaluate(replace(base, candidates=(wrong,), values=(LEAK,)), problem), base, problem)
     assert k == 0 and why.startswith("leakage_chamber_to_tank is not named: with it ") and "held-out run" in why
     small = {"conductance_m3_s_Pa": 3.0e-13}
-    both = fit.answered(replace(base, candidates=(right, wrong), values=(LEAK, small)), problem)
+    both = fit.evaluate(replace(base, candidates=(right, wrong), values=(LEAK, small)), problem)
     k, why = held_out.refused(both, base, problem)
     assert k == 1 and "leakage_chamber_to_tank" in why
 

@@ -67,7 +67,7 @@ def test_joints_out_of_reach_are_an_infinite_misfit(hexapod, kind):
     problem = simulated if kind == "simulated" else balances
     base = fit.start_fit(machine, own[:2], problem)
     candidate = named("base_joint_offset", "leg 3")
-    far = fit.answered(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
+    far = fit.evaluate(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
     assert np.isfinite(base.chi2) and far.chi2 == np.inf
     assert far.misfit[0].shape == base.misfit[0].shape and not selection.residual_at_noise_level(far.misfit)
     beside = replace(
@@ -90,7 +90,7 @@ def test_a_number_that_no_machine_may_have_is_an_infinite_misfit(hexapod):
     )
     base = fit.start_fit(machine, (wide,), simulated)
     gone = replace(base, deviations=np.array([-2.0]))
-    assert gone.built() is None and fit.answered(gone, simulated).chi2 == np.inf
+    assert gone.built() is None and fit.evaluate(gone, simulated).chi2 == np.inf
     with pytest.raises((HexsimError, ValueError)):
         gone.fitted_machine()
     fitted = fit.refine(replace(base, deviations=np.array([0.0])), simulated, steps=1)

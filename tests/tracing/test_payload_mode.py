@@ -26,7 +26,7 @@ def log_with(machine, **payload):
         poses[:, k] = reach * fade * sum(np.sin(2 * np.pi * f * (1 + 0.07 * k) * t + k * f) for f in (0.4, 1.3, 3.1))
     setpoint = geometry.machine_kinematics(machine).piston_positions(poses).T
     asked = Log(name="swing", kind="hexapod", time=t, rate=RATE_Hz, setpoint=setpoint, position=setpoint)
-    return signature.answered(changed(machine, {"effects": {"flexible_payload": payload}}), asked)
+    return signature.simulated(changed(machine, {"effects": {"flexible_payload": payload}}), asked)
 
 
 @pytest.mark.parametrize("payload", [SURGE, SWAY, ASKEW])

@@ -143,5 +143,5 @@ def test_a_limit_that_no_motion_reaches_is_not_said_to_show():
     asked = 2 * np.pi * 250.0 * gain * np.abs(np.diff(trace.fit_problem.logs[0].volts[0])).max()
     assert 0.1 * asked < shown < asked
     never = limit.start() | {"rate_m_s": 2.0 * asked}
-    alone = least_squares.answered(replace(trace.base, candidates=(limit,), values=(never,)), problem)
+    alone = least_squares.evaluate(replace(trace.base, candidates=(limit,), values=(never,)), problem)
     assert sum(np.sum((a - b) ** 2) for a, b in zip(alone.misfit, trace.base.misfit, strict=True)) > 1e3

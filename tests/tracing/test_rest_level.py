@@ -281,8 +281,8 @@ def test_a_fast_row_is_no_other_residual_than_its_slow_one():
 def test_the_gain_of_a_late_sensor_may_be_a_filter():
     """Of the same sensor only."""
     late = [replace(SURE, candidate=named("accelerometer_delay"))]
-    assert dominant.may_be_a_filter(named("accelerometer_gain"), late)
-    assert not dominant.may_be_a_filter(named("pressure_gain"), late)
+    assert dominant.is_sensor_lag(named("accelerometer_gain"), late)
+    assert not dominant.is_sensor_lag(named("pressure_gain"), late)
 
 
 def test_the_gain_against_an_accelerometer_that_is_late_by_part_of_a_sample_may_be_a_filter():
@@ -292,9 +292,9 @@ def test_the_gain_against_an_accelerometer_that_is_late_by_part_of_a_sample_may_
         return SimpleNamespace(candidates=(named("accelerometer_delay"),), values=({"delay_s": delay_s},))
 
     for name in ("accelerometer_gain", "position_gain"):
-        assert dominant.may_be_a_filter(named(name), [], late_by(4.4e-4))
-        assert not dominant.may_be_a_filter(named(name), [], late_by(2e-5))
-    assert not dominant.may_be_a_filter(named("pressure_gain"), [], late_by(4.4e-4))
+        assert dominant.is_sensor_lag(named(name), [], late_by(4.4e-4))
+        assert not dominant.is_sensor_lag(named(name), [], late_by(2e-5))
+    assert not dominant.is_sensor_lag(named("pressure_gain"), [], late_by(4.4e-4))
 
 
 def test_an_inclines_coordinate_is_proportional_to_its_force():
@@ -331,7 +331,7 @@ def test_a_spool_that_the_base_took_for_the_effect_is_given_back():
     )
     bare = least_squares.start_fit(declared, (), joint)
     fit = replace(bare, candidates=(spool, named("valve_delay")), values=({"frequency_Hz": 120.0}, {"delay_s": 1e-3}))
-    lagging = rest_level.RestFit(fit=least_squares.answered(fit, joint), columns=[], cost=0.0)
+    lagging = rest_level.RestFit(fit=least_squares.evaluate(fit, joint), columns=[], cost=0.0)
     without = rest_level.without_lag(lagging, joint)
     assert without is not None and np.isinf(without.fit.values[0]["frequency_Hz"])
     assert without.fit.values[1] == {"delay_s": 1e-3}
@@ -468,6 +468,6 @@ def test_a_tie_takes_the_effect_that_was_named_since(monkeypatch):
     tie, best = (
         SimpleNamespace(fit=SimpleNamespace(candidates=[SimpleNamespace(label=label)])) for label in ("air", "leak")
     )
-    assert dominant.followed(tie, best, "problem") == "fit"
+    assert dominant.propagate(tie, best, "problem") == "fit"
     assert asked.call_args.args == (tie, best.fit.candidates[-1], "problem", 0.3, -np.inf, -np.inf)
-    assert dominant.followed(best, best, "problem") is None
+    assert dominant.propagate(best, best, "problem") is None

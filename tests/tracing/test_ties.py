@@ -10,7 +10,7 @@ from hexsim import readers
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals import channels
-from hexsim.tracing import balances, rules
+from hexsim.tracing import balances
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, screening, selection
 from hexsim.tracing.fitting.parameters import named

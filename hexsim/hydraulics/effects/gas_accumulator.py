@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hexsim.hydraulics.chamber import ATMOSPHERE
+from hexsim.declaration import ATMOSPHERE_Pa
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import LINE, S
@@ -22,7 +22,7 @@ def apply(
     row[S.MODEL] = LINE
     row[S.RESISTANCE] = values["line_resistance_Pa_s_m3"]
     row[S.EXPONENT] = exponent
-    row[S.PRECHARGE] = least_share * (row[S.PRESSURE] + ATMOSPHERE)
+    row[S.PRECHARGE] = least_share * (row[S.PRESSURE] + ATMOSPHERE_Pa)
     row[S.GAS_VOLUME] = values["gas_volume_m3"] * least_share ** (-1.0 / exponent)
 
 

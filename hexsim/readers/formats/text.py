@@ -15,9 +15,9 @@ import polars as pl
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_ROWS, RawLog, RawSignal, Reader, max_rows
+from hexsim.readers.sizes import PIECE
 from hexsim.readers.text_table import MISSING, Table, find_table, records, seconds
 
-CHUNK = 1 << 22  # bytes that are read and inflated at once
 SI_LETTER = re.compile(rb"(\d\.?)([numk])(?=[\s;,]|$)")
 SI_EXPONENT = {b"n": b"e-9", b"u": b"e-6", b"m": b"e-3", b"k": b"e3"}
 BLOCK = 50_000  # rows that are parsed at once where they are parsed cell by cell
@@ -90,18 +90,18 @@ def with_own_times(raw: RawLog, table: Table) -> None:
 
 
 def inflated(file: IO[bytes]) -> Iterator[bytes]:
-    """Content of a gzip file, at most CHUNK bytes at a time however well it is packed; several members as one.
+    """Content of a gzip file, at most PIECE bytes at a time however well it is packed; several members as one.
 
     Raises EOFError where it ends within a member, zlib.error where it is damaged.
     """
     inflate, packed = zlib.decompressobj(wbits=31), b""
     while True:
-        packed = packed or file.read(CHUNK)
+        packed = packed or file.read(PIECE)
         if inflate.eof:
             if not packed:
                 return
             inflate = zlib.decompressobj(wbits=31)  # another member follows
-        piece = inflate.decompress(packed, CHUNK)
+        piece = inflate.decompress(packed, PIECE)
         if not (packed or piece or inflate.eof):
             raise EOFError
         yield piece
@@ -121,7 +121,7 @@ def file_bytes(
         with open(path, "rb") as file:
             zipped = file.read(2) == b"\x1f\x8b"
             file.seek(0)
-            for piece in inflated(file) if zipped else iter(lambda: file.read(CHUNK), b""):
+            for piece in inflated(file) if zipped else iter(lambda: file.read(PIECE), b""):
                 lines, size = lines + piece.count(b"\n"), size + len(piece)
                 pieces.append(piece)
                 if lines > MAX_ROWS + 10:

@@ -34,9 +34,9 @@ from hexsim.tracing.balances.balance import (
 from hexsim.tracing.memory import latest
 
 Array = np.ndarray
+LEAST_FAST_RATE_HZ = 3.0 / SHORT_S  # of a log in which the oil's own motion can be seen: three samples in half a window
 FlowOf = Callable[[Array, MeasuredPoint], Array]
 LeftOf = Callable[[Array, MeasuredPoint, Array, Window], Array]
-LEAST_FAST_RATE_HZ = 500.0  # of a log in which it can be
 OF_FORCE = (  # of a leg's row: no flow depends on it
     *range(P.CUSHION_LENGTH, P.CUSHION_DAMPING + 1), *range(P.VISCOUS_EXTEND, P.TONE_PHASE + 1), P.SEAL_FRICTION_TOP,
     P.SEAL_FRICTION_ACROSS, P.HARDENING, P.FRICTION_WARM_UP, P.FRICTION_WARM_UP_TIME,

@@ -32,8 +32,8 @@ from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
+UNKNOWN = float(np.sqrt(np.finfo(float).eps))  # share of what is known after a motion below which nothing is
 SHARP = 0.1  # a number known to this share is sharp
-UNKNOWN = 1e-9  # share of what is known after a motion below which nothing is known
 ENOUGH = 10.0  # times the needed separation: more is worth nothing
 CREDIBLE = 2.0  # information a coordinate: errors smaller by e
 

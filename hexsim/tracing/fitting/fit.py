@@ -28,7 +28,7 @@ from hexsim.tracing.fitting.parameters import (
     to_value,
     with_settings,
 )
-from hexsim.tracing.problems.problem import N_CORES, FitProblem, alive, chi2_of, in_job
+from hexsim.tracing.problems.problem import N_CORES, FitProblem, chi2_of, drop_diverged, in_job
 
 Array = np.ndarray
 KEPT = 0.7  # of what a step promises: columns that give less, or as much more, are poor
@@ -86,7 +86,7 @@ class Fit:
         return tuple(errors)
 
 
-def answered(fit: Fit, problem: FitProblem) -> Fit:
+def evaluate(fit: Fit, problem: FitProblem) -> Fit:
     """The fit where it stands, with its misfit as the problem sees it."""
     misfit = [m[0] for m in problem.misfit([fit.built()])]
     return replace(fit, misfit=misfit, chi2=chi2_of(misfit), n=sum(m.size for m in misfit), neighbours=None)
@@ -98,12 +98,12 @@ def start_fit(machine: Machine, priors: tuple[Prior, ...], problem: FitProblem) 
     bare = Fit(
         machine=machine, priors=priors, deviations=nothing, candidates=(), values=(), chi2=np.inf, n=0, misfit=[]
     )
-    return answered(bare, problem)
+    return evaluate(bare, problem)
 
 
 def start_fit_at(rival: Fit, problem: FitProblem) -> Fit:
     """A fit where it stands, as another problem sees it."""
-    return answered(replace(rival, covariance=None, columns=None), problem)
+    return evaluate(replace(rival, covariance=None, columns=None), problem)
 
 
 def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
@@ -122,7 +122,7 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     for base, own in zip(fit.misfit, columns, strict=True):  # in place: of a long log they are hundreds of megabytes
         np.subtract(base, own, out=own)
         own /= steps
-    return replace(fit, columns=alive(columns))
+    return replace(fit, columns=drop_diverged(columns))
 
 
 def effect_neighbours(
@@ -151,7 +151,9 @@ def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0, only: int 
     """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n)."""
     machines, steps = effect_neighbours(fit, share, only)
     varied = fit.neighbours or problem.misfit(machines)
-    return alive([(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)])
+    return drop_diverged(
+        [(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)]
+    )
 
 
 def all_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
@@ -166,7 +168,7 @@ def with_effects(fit: Fit, candidates: Sequence[Candidate], size: float, problem
     """The fit with more effects, each begun at this coordinate, nothing refitted."""
     numbers = [candidate.effect.parameters[0] for candidate in candidates]
     values = (c.start() | {n.name: to_value(n, size)} for c, n in zip(candidates, numbers, strict=True))
-    return answered(replace(fit, candidates=(*fit.candidates, *candidates), values=(*fit.values, *values)), problem)
+    return evaluate(replace(fit, candidates=(*fit.candidates, *candidates), values=(*fit.values, *values)), problem)
 
 
 def without_effect(fit: Fit, k: int) -> Fit:
@@ -305,7 +307,7 @@ def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
     """The fit at other coordinates. Where a core would idle its neighbours are simulated with it: the next step needs them."""
     trial = fit_at(fit, coordinates)
     if not trial.candidates or in_job() or len(problem.logs) >= N_CORES:
-        return answered(trial, problem)
+        return evaluate(trial, problem)
     found = problem.misfit([trial.built(), *effect_neighbours(trial)[0]])
     misfit = [own[0] for own in found]
     return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=[own[1:] for own in found])

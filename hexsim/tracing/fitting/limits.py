@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexsim.tracing.fitting.fit import Fit, answered
+from hexsim.tracing.fitting.fit import Fit, evaluate
 from hexsim.tracing.fitting.parameters import Candidate
 from hexsim.tracing.problems.problem import FitProblem
 
@@ -33,7 +33,7 @@ def reached(fit: Fit, candidate: Candidate, problem: FitProblem, alarm: float) -
 
     def rests(limit: float) -> list[Array]:
         values = (*fit.values, candidate.start() | {size.name: limit})
-        return answered(replace(fit, candidates=(*fit.candidates, candidate), values=values), problem).misfit
+        return evaluate(replace(fit, candidates=(*fit.candidates, candidate), values=values), problem).misfit
 
     low, high = size.bounds
     free = rests(high)

@@ -22,10 +22,10 @@ from hexsim.tracing.fitting.fit import (
     KEPT,
     Fit,
     all_columns,
-    answered,
     bounds_of,
     coordinates_of,
     effect_columns,
+    evaluate,
     fit_at,
     with_effects,
 )
@@ -161,7 +161,7 @@ def without_lag(found: RestFit, problem: FitProblem) -> RestFit | None:
         values.append(own | {number.name: number.neutral} if lags else own)
     if not any_there:
         return None
-    bare = answered(replace(fit, values=tuple(values)), problem)
+    bare = evaluate(replace(fit, values=tuple(values)), problem)
     return RestFit(fit=bare, columns=found.columns, cost=cost_of(bare, problem))
 
 
@@ -180,7 +180,7 @@ def _step(fit: Fit, cost: float, columns: list[Array], problem: FitProblem) -> t
     A, b, (least, most) = turn.T @ A @ turn, turn.T @ b, lag_coordinates.straight_bounds(low, high, lags)
     for damping in DAMPINGS:
         step = bounded(A + damping * np.diag(np.diag(A)), b, least - here, most - here)
-        trial = answered(fit_at(fit, lag_coordinates.bent(here + step, lags, low, high)), problem)
+        trial = evaluate(fit_at(fit, lag_coordinates.bent(here + step, lags, low, high)), problem)
         fall = cost - cost_of(trial, problem)
         if fall > 0.0:
             return trial, fall
@@ -227,7 +227,7 @@ def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
     return found.x * scale
 
 
-def released(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
+def without_nuisance(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
     """The base without the nuisance effect of the same effect, and its columns."""
     fit, m = base.fit, len(base.fit.priors)
     keep = [k for k, own in enumerate(fit.candidates) if own.label != candidate.label]
@@ -249,15 +249,15 @@ def with_effect(
     falls as they promised, else with this effect alone, at this size or at a larger one, whatever leaves least: a delay's
     column tells little of a delay ten times as long. At first without quick rows: they make many valleys.
     """
-    bare, columns = released(base, candidate)
+    bare, columns = without_nuisance(base, candidate)
     here, size = coordinates_of(bare), float(np.atleast_1d(start)[-1])
     start = np.append(here, size) if np.ndim(start) == 0 else np.asarray(start)
     side = -1.0 if size < 0.0 and candidate.effect.parameters[0].bounds[0] < 0.0 else 1.0
-    slow, fit = problem.slow_alone(), begun_with(bare, candidate, start, problem)
+    slow, fit = problem.slow_alone(), initialise(bare, candidate, start, problem)
     cost = cost_of(base.fit, slow)
     if cost - cost_of(fit, slow) < KEPT * promised:
         sizes = (size, *(side * start for start in (STARTS if least < 0.0 else STARTS[:1])))
-        alone = [begun_with(bare, candidate, np.append(here, size), problem) for size in sizes]
+        alone = [initialise(bare, candidate, np.append(here, size), problem) for size in sizes]
         fit = min((fit, *alone), key=lambda fit: cost_of(fit, slow))
     if not cost - cost_of(fit, slow) > least:
         return None
@@ -265,12 +265,12 @@ def with_effect(
     return found if slow is problem else refined(found.fit, problem, columns)
 
 
-def begun_with(bare: Fit, candidate: Candidate, start: Array, problem: FitProblem) -> Fit:
+def initialise(bare: Fit, candidate: Candidate, start: Array, problem: FitProblem) -> Fit:
     """A fit with one more effect. start: coordinates of all, the effect's first number last."""
     return with_effects(fit_at(bare, start[:-1]), [candidate], float(start[-1]), problem)
 
 
-def asked_for(fit: Fit, system: tuple[Array, Array], own: tuple[float, float]) -> tuple[Array, float]:
+def newton_step(fit: Fit, system: tuple[Array, Array], own: tuple[float, float]) -> tuple[Array, float]:
     """(coordinates that the columns of a weighted system ask for, the effect's number last, which stands at 0; what J's
     tangent promises for them). own: its bounds."""
     A, b = system

@@ -14,7 +14,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import (
     Fit,
-    answered,
+    evaluate,
     parameter_columns,
     refine,
     start_fit_at,
@@ -198,7 +198,7 @@ def inert(fit: Fit, problem: FitProblem, least: float = 1.0) -> bool:
     if not np.isinf(size.neutral):
         return False
     unbound = (*fit.values[:-1], fit.values[-1] | {size.name: size.bounds[1]})
-    return answered(replace(fit, values=unbound), problem).chi2 - fit.chi2 < least * scale_of(fit)
+    return evaluate(replace(fit, values=unbound), problem).chi2 - fit.chi2 < least * scale_of(fit)
 
 
 def noise_reached(fit: Fit) -> bool:

@@ -101,7 +101,7 @@ def chi2_of(misfit: list[Array]) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def alive(columns: list[Array]) -> list[Array]:
+def drop_diverged(columns: list[Array]) -> list[Array]:
     """These columns of all logs, 0 for a number whose neighbour's simulation diverges: it stays where it is."""
     finite = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
     for own in columns:

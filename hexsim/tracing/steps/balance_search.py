@@ -76,7 +76,7 @@ def _first(log: Log) -> Array:
 
 
 def search_in_balances(trace: Trace, tell: Tell) -> Trace:
-    """Forward selection on all balances together, one effect at first (see `gone_on`); nothing where no balance is formed."""
+    """Forward selection on all balances together, one effect at first (see `extend_search`); nothing where no balance is formed."""
     if not trace.violations:
         return replace(trace, decided="no balance to search in")
     joint = joint_problem(trace.fit_problem, trace.violations, own_machine(trace.machine, trace.violations))
@@ -96,7 +96,7 @@ def search_in_balances(trace: Trace, tell: Tell) -> Trace:
     )
 
 
-def gone_on(found: Search, trace: Trace) -> Search | None:
+def extend_search(found: Search, trace: Trace) -> Search | None:
     """The search with one effect more; None where it has come to its end."""
     n = len(found.best.candidates)
     if trace.balance_problem is None or n < len(found.stages) or n >= rules.MOST_EFFECTS or restored(found.best):

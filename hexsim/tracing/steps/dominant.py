@@ -86,19 +86,19 @@ def promise_of(
     A column tells little of a delay that is much longer than its step: its typical size is asked besides.
     """
     number, slow = candidate.effect.parameters[0], problem.slow_alone()
-    bare, columns = rest_level.released(base, candidate)
+    bare, columns = rest_level.without_nuisance(base, candidate)
     grown = [np.concatenate([X, x[None]]) for X, x in zip(columns, own, strict=True)]
     system, bounds = rest_level.weighted_system(bare, grown, problem), coordinate_bounds(number)
-    start, fall = rest_level.asked_for(bare, system, bounds)
+    start, fall = rest_level.newton_step(bare, system, bounds)
     if slow is not problem:
-        alone, promised = rest_level.asked_for(bare, rest_level.weighted_system(bare, grown, slow), bounds)
+        alone, promised = rest_level.newton_step(bare, rest_level.weighted_system(bare, grown, slow), bounds)
         start, fall = (alone, promised) if promised > fall else (start, fall)
     here = np.append(coordinates_of(bare), 0.0)
     start = here + (start - here) * min(1.0, rules.LARGEST_START / max(abs(start[-1]), 1e-9))
     start[-1] = start[-1] or 0.1
     if acts_late(candidate):
         typical = np.append(here[:-1], rest_level.STARTS[0])
-        left = rest_level.cost_of(rest_level.begun_with(bare, candidate, typical, problem), slow)
+        left = rest_level.cost_of(rest_level.initialise(bare, candidate, typical, problem), slow)
         promised = rest_level.cost_of(base.fit, slow) - left
         start, fall = (typical, promised) if promised > fall else (start, fall)
     return (fall, candidate, start), hidden_of(bare, system[0], candidate, least_fall(problem))
@@ -160,7 +160,7 @@ def grown_by_one(
     return rival, tried, hidden, [other for other in rivals if label_of(other) in tried[-1].tied][: rules.FEW]
 
 
-def followed(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | None:
+def propagate(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | None:
     """A tie of an earlier effect with the effect that `best` has got since."""
     own, size = best.fit.candidates[-1], rest_level.size_of(best.fit)
     if own.label in {c.label for c in effects_of(tie.fit)}:
@@ -201,7 +201,7 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     return sorted([*better, *rivals[len(near) :]], key=lambda rival: rival.cost)
 
 
-def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence], beside: Fit | None = None) -> bool:
+def is_sensor_lag(candidate: Candidate, found: Sequence[Evidence], beside: Fit | None = None) -> bool:
     """Is it the gain of a sensor that is late? A filter is late and damps; how much of it is gain no run says.
 
     beside: the fit with its nuisance effects. An accelerometer that is late by a part of a sample damps the oil's own motion
@@ -254,9 +254,11 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
             left = left if found else stay
             break
         best, own = grown, tried[-1]
-        left = [more for one in left if (more := followed(one, best, problem))] + (stay if own.remarkable > 1.0 else [])
+        left = [more for one in left if (more := propagate(one, best, problem))] + (
+            stay if own.remarkable > 1.0 else []
+        )
         if own.remarkable > 1.0:
-            found += [] if may_be_a_filter(own.candidate, found, best.fit) else [own]
+            found += [] if is_sensor_lag(own.candidate, found, best.fit) else [own]
         elif found:
             break  # effects come in the order of what they take: what is left takes less than what any machine has
     small = rest_level.ordinary_effects(trace.candidates)

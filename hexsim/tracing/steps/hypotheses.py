@@ -24,7 +24,7 @@ from hexsim.tracing.fitting.selection import (
 )
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
-from hexsim.tracing.steps.balance_search import gone_on
+from hexsim.tracing.steps.balance_search import extend_search
 
 
 def contenders(found: Search, after: int = 0) -> list[Fit]:
@@ -66,7 +66,7 @@ def rivals_of_balances(found: Search, trace: Trace, tell: Tell) -> list[Fit]:
     while more is not None and len(more.best.candidates) > after:
         rivals += simulated_rivals(more, trace.fit_problem, tell, after)
         after = len(more.best.candidates)
-        more = None if any(residual_at_noise_level(r.misfit) for r in rivals) else gone_on(more, trace)
+        more = None if any(residual_at_noise_level(r.misfit) for r in rivals) else extend_search(more, trace)
     return named_first(sorted(rivals, key=information))
 
 

@@ -75,7 +75,7 @@ def without_own(
     return out
 
 
-def followed(trace: Trace) -> list[Predicted]:
+def predicted_rests(trace: Trace) -> list[Predicted]:
     """The strongest dependence of every channel's rest beside the final machine, fit and held-out runs together."""
     problems, machine = (trace.fit_problem, trace.validate_problem), trace.fitted
     runs = [run for problem in problems for run in rests(machine, problem)]
@@ -93,7 +93,7 @@ def hold_against_signals(trace: Trace, tell: Tell) -> Trace:
         return replace(trace, decided="not needed: something is missing")
     if trace.fit_problem.feedback == LOGGED_VOLTS:
         return replace(trace, decided="not asked: logged volts drive the model, and they hold the position's noise")
-    found = followed(trace)
+    found = predicted_rests(trace)
     sure = [own for own in found if own.share > rules.SLIGHT and own.above > rules.ERRORS]
     if not sure:
         most = (
