@@ -6,11 +6,10 @@ What follows from them is derived where it is used. Numbers of a motion, a windo
 from hexsim.inference.search import OWN
 from hexsim.inference.verdict import CHANCE, END
 
-__all__ = ["END"]
 # Chance, and what passes for a difference
 ERRORS = 3.0  # standard errors from which something is there: chance brings it once in 370 times
 SIGNIFICANT = (
-    25.0  # fall of chi2, in units of the reduced chi2: five standard errors; of a thousand columns none by chance
+    25.0  # fall of chi2 in units of the reduced one: five standard errors, none of a thousand columns by chance
 )
 CERTAIN = SIGNIFICANT**0.5  # the same in standard errors
 DOUBT = CHANCE  # share of the traces in which chance may take a name that makes no held-out channel worse
@@ -19,12 +18,8 @@ MODEL_SHARE = 2.0e-3  # of the noise's mean square: two implementations of one m
 SLIGHT = 0.03  # what a candidate, a form or a signal adds and is not preferred for: a sixth of an rms
 TELLABLE = 0.1  # less is not told apart: of 200 correlation times, two runs of 20 s, it is known to sqrt(2/200)
 MAIN = 0.5  # more than half: the main part
-EXPLAINS = (
-    0.4  # least share of all rows that an effect takes whose own balance stays off; 0.5 loses 4 of 569 true names
-)
-RESTORES = (
-    0.7  # or of what its own balance has above the noise, also held out; at 0.5 three null machines more get a name
-)
+EXPLAINS = 0.4  # least share of all rows that an effect takes; at 0.5 4 of 569 true names are lost
+RESTORES = 0.7  # or of its own balance above the noise, also held out; at 0.5 three null machines more get a name
 SAME = OWN  # of a column's size beside others: what has less of its own is one term with them
 SHARPENED = 0.8  # of a standard error: from a dozen blocks it is known to a fifth, so that no smaller change is said
 TRADES = 0.9  # correlation from which two numbers trade: each is known 2.3 times better where the other is known
@@ -59,6 +54,7 @@ START = 0.5  # typical sizes at which a refit begins where no column tells the s
 LARGEST_START = 3.0  # typical sizes at which any refit begins
 BASE_TOLERANCE = 0.02  # a refit of the declared machine stops when a step takes less of the excess chi2
 LEAST_STEP = 0.01  # of finite differences: half widths of a declared parameter, coordinates of an effect
+AT_END = END  # of a bound: a number as near to it is at the end of its range
 FOLDS = 6  # of the blocks, or runs: each is predicted from the others
 # Measurements that are designed
 MOTION_S = 20.0  # as the guide asks of a log to fit

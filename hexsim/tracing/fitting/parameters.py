@@ -112,7 +112,7 @@ def end_of_range(parameter: EffectParameter, value: float) -> str:
         (
             end
             for end, bound in zip(ENDS, parameter.bounds, strict=True)
-            if math.isclose(value, bound, rel_tol=rules.END)
+            if math.isclose(value, bound, rel_tol=rules.AT_END)
         ),
         "",
     )
