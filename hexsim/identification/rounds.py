@@ -33,10 +33,11 @@ from hexsim.identification.telemetry_log import log_of
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
 from hexsim.motion_computer.host_limiter import setpoints_of
 from hexsim.motion_computer.states import State
+from hexsim.tracing import rules
 from hexsim.tracing.design import next_measurement
 from hexsim.tracing.design.information import SHARP, says_nothing
 from hexsim.tracing.design.next_measurement import surviving
-from hexsim.tracing.design.words import NO_GAIN, one_term_words
+from hexsim.tracing.design.words import one_term_words
 from hexsim.tracing.state import Trace
 from hexsim.tracing.trace import trace
 
@@ -296,10 +297,10 @@ def worth_a_run(design: dict[str, Any], more_is_left: bool) -> bool:
     noise is left, to know its declared numbers better on average? What hides beside them then shows."""
     if any(pair.get("chi2", 0.0) > 10.0 or pair.get("separated", False) for pair in design["separations"]):
         return True
-    if more_is_left and np.exp(-0.5 * design["information"]) < NO_GAIN:
+    if more_is_left and np.exp(-0.5 * design["information"]) < rules.SHARPENED:
         return True
     return any(
-        number["expected"] < NO_GAIN * number["standard_error"]
+        number["expected"] < rules.SHARPENED * number["standard_error"]
         and number["standard_error"] > SHARP * abs(number["value"] or 1.0)
         for number in design["numbers"]
     )
