@@ -26,6 +26,7 @@ Array = np.ndarray
 KNOTS = 14  # of a curve at most: half at quantiles, half evenly spaced
 CURVES = ("plain", "direction", "product")
 FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
+UNCLEAR = 0.2  # below this R^2 the residual's size is asked
 LAGS_S = (0.1, 0.4, 1.6, 6.4)  # [s] time constants of a low-pass; that of a signal is sought a factor of 2.5 either way
 
 
@@ -257,10 +258,10 @@ def dependence_of(
             table=table | {"tone": share},
         )  # fmt: skip
     target = r
-    if max(table[name] for name in table if name in order) < rules.TELLABLE:
+    if max(table[name] for name in table if name in order) < UNCLEAR:
         size = np.minimum(np.abs(r), np.quantile(np.abs(r), 1.0 - rules.SLIGHT))
         sized = {name: of_size(x, size, blocks) for name, x in moving.items()}
-        if max(sized[name][1] for name in sized if name in order) > rules.TELLABLE:
+        if max(sized[name][1] for name in sized if name in order) > UNCLEAR:
             target, found = size, sized
     best = max(found[name][1] for name in found if name in order)
     signal = next(name for name in order if name in found and found[name][1] > best - rules.TELLABLE)
