@@ -30,6 +30,7 @@ from hexsim.tracing.term_columns import PARTS, OwnBalance, Point, RunData, run_d
 from hexsim.tracing.term_selection import residual, rms, solve_physical
 
 Array = np.ndarray
+STEP_SAMPLES = 0.5  # of finite differences: over whole samples a delay passes for a rate
 Sentences = dict[str, dict[str, str]]  # of a run and a channel
 
 
@@ -118,7 +119,7 @@ class Problem:
 
     def slopes(self, seconds: Array, lates: Sequence[Late], sizes: Sequence[float]) -> Array:
         """Finite differences of `weighed` by every delay (m, n)."""
-        steps = np.diag([1.0 / self.points[late.run].log.rate for late in lates])
+        steps = np.diag([STEP_SAMPLES / self.points[late.run].log.rate for late in lates])
         middle = self.weighed(seconds, lates, sizes)
         return np.column_stack([(self.weighed(seconds + step, lates, sizes) - middle) / step.max() for step in steps])
 
