@@ -214,7 +214,7 @@ SURE = rest_evidence.Evidence(
 
 def test_each_rule_alone_keeps_an_effect_from_being_sure():
     """Little taken, or nothing held out, and its balance not restored; another balance, a sensor's that spoils a row, a
-    number at the end of its range, a tone of the oil."""
+    number at the end of its range."""
     little = {"share": 0.2, "unseen": 0.1}
     assert rest_evidence.sure(SURE)
     assert rest_evidence.sure(replace(SURE, **little))  # its own balance is at the noise again
@@ -224,7 +224,6 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         {"own": 0.4},
         {"harm": 0.1},
         {"in_range": False},
-        {"line": 0.2},
     ):
         assert not rest_evidence.sure(replace(SURE, **changes))
 

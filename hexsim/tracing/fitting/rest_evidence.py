@@ -12,8 +12,6 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.balances import library
-from hexsim.tracing.balances.continuity import Continuity
-from hexsim.tracing.dependence import line_share
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, in_range, to_coordinate, to_value
@@ -21,7 +19,6 @@ from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem
 
 Array = np.ndarray
-TONE = {"frequency_Hz", "phase_rad"}  # numbers of an effect that is one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +30,6 @@ class Evidence:
     takes, in the fit runs and held out.  remarkable: its size over that from which a machine is remarkable for it.
     harm: of a sensor's effect, by what share the mean square of any row grows: what is late is late in every balance.
     in_range: its size, and the time in which it settles, are inside their range: what asks for more is another thing.
-    line: of a tone, the largest share of a row of continuity that stands at its frequency.
     """
 
     candidate: Candidate
@@ -45,7 +41,6 @@ class Evidence:
     tied: tuple[str, ...]
     harm: float = 0.0
     in_range: bool = True
-    line: float = 0.0
 
     @property
     def label(self) -> str:
@@ -61,7 +56,6 @@ def sure(evidence: Evidence) -> bool:
         and e.own > rules.MAIN
         and e.harm < rules.TELLABLE
         and e.in_range
-        and e.line < rules.TELLABLE
     )
 
 
@@ -95,7 +89,6 @@ def evidence_of(
         remarkable=abs(size + shared_size(rival.fit, candidate)) / least_remarkable(candidate),
         harm=harm,
         in_range=in_range(candidate, rival.fit.values[-1]),
-        line=line_in_continuity(rival.fit, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
 
@@ -199,18 +192,3 @@ def values_in_leg(fit: Fit, candidate: Candidate) -> dict[str, float]:
         return values
     whole = to_coordinate(number, values[number.name]) + shared_size(fit, candidate)
     return values | {number.name: to_value(number, whole)}
-
-
-def line_in_continuity(fit: Fit, problem: BalanceProblem) -> float:
-    """Largest share of a row of continuity that stands at the frequency of the last effect, in every run; 0 of no tone.
-
-    An outside force moves piston and pressure together and leaves no line there; a hum p of the pressure signal leaves C dp/dt.
-    """
-    if not fit.values[-1].keys() >= TONE:
-        return 0.0
-    continuity = [isinstance(part.balance, Continuity) for part in problem.parts for _ in part.rows]
-    shares = [
-        [line_share(row, fit.values[-1]["frequency_Hz"], log.rate / problem.every(log)) for row in misfit[continuity]]
-        for log, misfit in zip(problem.logs, fit.misfit, strict=True)
-    ]
-    return float(np.max(np.min(shares, axis=0), initial=0.0))
