@@ -52,10 +52,7 @@ def sure(evidence: Evidence) -> bool:
     e = evidence
     takes = e.share >= rules.EXPLAINS and e.unseen > 0.0
     return (
-        (takes or min(e.restored) >= rules.RESTORES)
-        and e.own > rules.MAIN
-        and e.harm < rules.TELLABLE
-        and e.in_range
+        (takes or min(e.restored) >= rules.RESTORES) and e.own > rules.MAIN and e.harm < rules.TELLABLE and e.in_range
     )
 
 

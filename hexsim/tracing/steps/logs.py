@@ -102,7 +102,7 @@ def refuse_undriven(logs: Sequence[Log], feedback: int) -> None:
 
 
 def with_additional_mass(machine: Machine, load_kg: float | None, loaded: Sequence[str]) -> Machine:
-    """The machine with what people can put on it [kg], known to rules.KNOWN where its file does not say how well."""
+    """The machine with what people can put on it [kg], known to half a percent where its file does not say how well."""
     key = "additional_mass_kg"
     if load_kg is not None:
         machine = changed(machine, {f"load.{key}": load_kg})
