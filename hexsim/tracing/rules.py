@@ -3,7 +3,7 @@
 What follows from them is derived where it is used. Numbers of a motion, a window or a picture stand in their modules.
 """
 
-from hexsim.inference.search import OWN
+from hexsim.inference.remainder import OWN
 from hexsim.inference.verdict import CHANCE, END
 
 # Chance, and what passes for a difference
