@@ -259,7 +259,7 @@ def dependence_of(
         )  # fmt: skip
     target = r
     if max(table[name] for name in table if name in order) < UNCLEAR:
-        size = np.minimum(np.abs(r), np.quantile(np.abs(r), 1.0 - rules.SLIGHT))
+        size = np.minimum(np.abs(r), np.quantile(np.abs(r), 1.0 - rules.TAIL))
         sized = {name: of_size(x, size, blocks) for name, x in moving.items()}
         if max(sized[name][1] for name in sized if name in order) > UNCLEAR:
             target, found = size, sized

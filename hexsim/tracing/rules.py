@@ -23,6 +23,7 @@ RESTORES = 0.7  # or of its own balance above the noise, also held out; at 0.5 t
 SAME = OWN  # of a column's size beside others: what has less of its own is one term with them
 SHARPENED = 0.8  # of a standard error: from a dozen blocks it is known to a fifth, so that no smaller change is said
 TRADES = 0.9  # correlation from which two numbers trade: each is known 2.3 times better where the other is known
+TAIL = 0.03  # of the samples: an end of a signal, a few dozen occasions in a run
 # Residuals against their noise
 NEAR = 4.0  # times chi2: a residual twice as large; what is further off is another thing
 VIOLATED = 1.25  # times the largest null run: for a noise that a sheet states too small; 156 null benches hold with it
@@ -47,7 +48,7 @@ REMARKABLE_SHARE = 0.4  # of the typical size, for an effect without an ordinary
 HELD = 1.0e-4  # standard deviation of a number that is held to its declaration, relative
 # The search
 MOST_EFFECTS = 3  # of a hypothesis: each takes a round of refits, and a fourth was never needed
-FEW = 4  # rivals that are refitted to the end; twice as many by their columns, four times in the balances, which are quick
+FEW = 4  # of what is tried or said one by one; twice as many by their columns, four times in the balances, which are quick
 MAX_STEPS = 14  # of Gauss-Newton: a refit ends long before
 FEW_STEPS = 6  # of one that shows whether a rival is far
 START = 0.5  # typical sizes at which a refit begins where no column tells the size

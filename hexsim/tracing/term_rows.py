@@ -20,6 +20,8 @@ from hexsim.tracing.term_selection import Chosen, placed, rms
 
 Array = np.ndarray
 LATE_S = 0.02  # [s] prior standard deviation of what an alignment leaves
+TOP_RAD = 0.1  # phase that such a delay may make, 1 % of a mean square: rows of a higher frequency are left out
+LEAST_SHARE = 0.1  # of a run's rows that must count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +54,7 @@ def rows_of(balance: OwnBalance, point: Point) -> Rows | None:
     counted = point.log.whole(half * point.window.dt, 2)[at]
     if balance.valid is not None:
         counted = counted & balance.valid(point)[at]
-    if counted.mean() < rules.TELLABLE or counted.sum() < 40:
+    if counted.mean() < LEAST_SHARE or counted.sum() < 40:
         return None
     target = np.broadcast_to(balance.target(point), (n,))[at]
     if not np.all(np.isfinite(target[counted])):
@@ -78,7 +80,7 @@ class BalanceProblem:
             Number(name=term.name, start=0.0, mean=0.0, sd=LATE_S, scale=LATE_S, unit="s", local=True) for _, term in late
         ]  # fmt: skip
         groups = min(rules.FOLDS, len(rows))
-        top = rules.TELLABLE / (2.0 * np.pi * LATE_S) if late else np.inf
+        top = TOP_RAD / (2.0 * np.pi * LATE_S) if late else np.inf
         self.stretches = [
             Stretch(name=run.point.log.name, group=f"part {k % groups + 1}", dt=run.dt, weight=run.counted.astype(float)[:, None],
                     top_Hz=top)

@@ -41,7 +41,8 @@ def bends_at(acceleration: Array, volts: Array, ticks: slice) -> slice:
     steps[1:] = np.diff(volts)
     follows = [float(jumps[late:] @ steps[: len(steps) - late]) for late in range(ticks.step)]
     late = int(np.argmax(follows))
-    clear = follows[late] > rules.SLIGHT * float(np.linalg.norm(jumps) * np.linalg.norm(steps))
+    by_chance = float(np.linalg.norm(jumps) * np.linalg.norm(steps)) / np.sqrt(len(jumps))
+    clear = follows[late] > rules.CERTAIN * by_chance
     return slice((ticks.start + late) % ticks.step, None, ticks.step) if clear else ticks
 
 

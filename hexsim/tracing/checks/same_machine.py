@@ -8,11 +8,10 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
-from hexsim.tracing import rules
 from hexsim.tracing.checks.finding import Finding, notice, refusal
 from hexsim.tracing.leg_loads import oil_forces
 
-REFUSED = 0.3  # difference between logs of one machine, by the declared supply or weight
+NOTICED, REFUSED = 0.08, 0.3  # difference between logs of one machine, by the declared supply or weight
 
 
 def check_same_machine(logs: Sequence[Log], machine: Machine) -> list[Finding]:
@@ -37,7 +36,7 @@ def check_same_machine(logs: Sequence[Log], machine: Machine) -> list[Finding]:
             ("pressure_supply_Pa", supply, machine.supply.pressure_Pa, "the supply has", 1e-5, "bar"),
             ("pressure_bottom_Pa", force, weight, "the legs carry", 1.0, "N"),
         ):
-            if a is None or b is None or abs(a - b) <= rules.TELLABLE * scale:
+            if a is None or b is None or abs(a - b) <= NOTICED * scale:
                 continue
             description = (
                 f"{what} {a * factor:.4g} {unit} in log {first.name} and {b * factor:.4g} {unit} in {other.name}"

@@ -136,7 +136,7 @@ def next_measurement(
         log = replace(family.log(tables), loaded=True)
         load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
     apart = {pair: max(own.separations.get(pair, 0.0) for _, own in tried) for pair in found.tied}
-    alike = load_kg is None and bool(apart) and max(apart.values()) < rules.SLIGHT * found.needed
+    alike = load_kg is None and bool(apart) and max(apart.values()) < rules.SAME * found.needed
     purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg, ceiling, alike)
     purpose = beside_one_term(purpose, trace.effects)
     if wanted is not None:

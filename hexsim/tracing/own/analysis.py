@@ -221,13 +221,13 @@ def correlated(x: Array) -> float:
 def extremes(runs: Sequence[RunData], left: Sequence[Array]) -> list[str]:
     """Signals at whose ends the rest lies elsewhere than in the middle: what acts in a few samples only.
 
-    The ends are the 3 % at either side; in every run that reaches them the shift must have one sign, and over occasions
+    The ends are what `rules.TAIL` cuts off; in every run that reaches them the shift must have one sign, and over occasions
     be five standard errors from nothing.
     """
     found: list[tuple[float, str]] = []
     rest = rms(np.concatenate(left))
     for name in sorted(set.intersection(*(set(run.signals) for run in runs)) - {"time_s"}):
-        low, high = np.quantile(np.concatenate([run.signals[name] for run in runs]), [rules.SLIGHT, 1.0 - rules.SLIGHT])
+        low, high = np.quantile(np.concatenate([run.signals[name] for run in runs]), [rules.TAIL, 1.0 - rules.TAIL])
         for word, limit, side in (("above", high, 1.0), ("below", low, -1.0)):
             means = []
             for run, own in zip(runs, left, strict=True):
@@ -239,7 +239,7 @@ def extremes(runs: Sequence[RunData], left: Sequence[Array]) -> list[str]:
                 continue
             shift, error = float(np.mean(means)), float(np.std(means, ddof=1)) / math.sqrt(len(means))
             if abs(shift) > rules.CERTAIN * error and abs(shift) > rest:
-                text = f"{word} {limit:.4g} of {name} (3 % of the samples, {len(means)} occasions) the rest is {shift:+.3g}"
+                text = f"{word} {limit:.4g} of {name} ({rules.TAIL:.0%} of the samples, {len(means)} occasions) the rest is {shift:+.3g}"
                 found.append((-abs(shift) / max(error, 1e-300), f"{text} +- {error:.2g}"))
     return [text for _, text in sorted(found)[:3]]
 

@@ -26,7 +26,7 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
 
 Array = np.ndarray
-MOTIONS = 2 * rules.FEW  # of two of each kind nearly, and a power of 2 as the family asks
+MOTIONS = 2 * rules.FEW  # two of each kind nearly, and a power of 2 as the family asks
 
 
 @dataclass(frozen=True, kw_only=True)
