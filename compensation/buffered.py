@@ -48,7 +48,7 @@ class B(IntEnum):
     BUFFER = 53  # UV, UC and the side of each sample (corrected form: total volts, velocity)
 
 
-OF_A_CURVE = 6
+OF_A_CURVE = 6  # numbers of a side's curve
 assert (B.ESTIMATE, B.BUFFER) == (B.CURVE + 2 * OF_A_CURVE, B.ESTIMATE + V.END)
 
 

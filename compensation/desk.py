@@ -18,7 +18,7 @@ from numba.extending import intrinsic
 from .compiled import compiled
 from .records import record
 
-STEP, SHARE = 0, 1
+STEP, SHARE = range(2)  # what is asked of a tick
 SIZES = (  # legs; columns of preview, loads, mobility; forces; of a state, and of a row beside it
     "n", "most", "loads", "mobilities", "feels", "size", "width",
 )  # fmt: skip

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -51,20 +52,39 @@ RETURN_S = 1.0  # in which the algorithm's volts are faded in again
 # so long its volts may be bounded; each fault of its own holds it off so many times as long, up to the sixth: half an hour
 BEYOND_S, HOLD_OFF_RATIO, MOST_OWN_FAULTS = 0.05, 4, 6
 
-SOUND, LOST, POSITION_FROZEN, PRESSURE_FROZEN, VALVE_AT_END, NOT_FINITE, BEYOND = 0, 8, 16, 32, 64, 256, 512
-TELLS = 128  # beside them, of an algorithm: something for the other legs
-SENTENCES = {
-    SOUND: "",
-    LOST: "a signal is lost (not a number): plain control until it is sound again",
-    POSITION_FROZEN: "the position signal is frozen: plain control until it moves again",
-    PRESSURE_FROZEN: "the pressure signal is frozen: plain control until it moves again",
-    VALVE_AT_END: "the valve is at its end: plain control until it is not",
-    NOT_FINITE: "the algorithm's state is not finite: plain control, and it starts anew with nothing learned",
-    BEYOND: "it asked for more volts than the declared valve's overlap, leak and friction can explain: plain control, and it starts "
-    "anew with nothing learned; are overlap and flow of the valve declared rightly?",
+
+class Reason(IntEnum):
+    """Why plain control stands in, as the C library's header numbers it."""
+
+    SOUND = 0
+    LOST = 8
+    POSITION_FROZEN = 16
+    PRESSURE_FROZEN = 32
+    VALVE_AT_END = 64
+    NOT_FINITE = 256
+    BEYOND = 512
+
+
+class Todo(IntEnum):
+    """What the guard asks of the algorithm at a tick."""
+
+    ACT = 0
+    FALL_BACK = 1
+    RESTART = 2  # with its parameters
+    BEGIN_ANEW = 3  # with nothing learned
+
+
+TELLS = 128  # beside a reason, of an algorithm: something for the other legs
+SENTENCES: dict[int, str] = {
+    Reason.SOUND: "",
+    Reason.LOST: "a signal is lost (not a number): plain control until it is sound again",
+    Reason.POSITION_FROZEN: "the position signal is frozen: plain control until it moves again",
+    Reason.PRESSURE_FROZEN: "the pressure signal is frozen: plain control until it moves again",
+    Reason.VALVE_AT_END: "the valve is at its end: plain control until it is not",
+    Reason.NOT_FINITE: "the algorithm's state is not finite: plain control, and it starts anew with nothing learned",
+    Reason.BEYOND: "it asked for more volts than the declared valve's overlap, leak and friction can explain: plain control, and it "
+    "starts anew with nothing learned; are overlap and flow of the valve declared rightly?",
 }
-# the algorithm is stepped; is not; is to be started with its parameters; with nothing learned
-ACTS, FALLS_BACK, RESTARTS, BEGINS_ANEW = 0, 1, 2, 3
 
 # The last reading of a transducer, for how many ticks it has repeated, the setpoint when it came, and its count: the smallest step seen.
 READING = np.dtype((np.record, [("value", "f8"), ("repeated", "i8"), ("setpoint_m", "f8"), ("count", "f8")]))
@@ -151,25 +171,25 @@ def start_guard(guard, sheet):
 
 @compiled
 def check(guard, setpoint_m, preview_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa):
-    """One tick: ACTS, or else `guard.output_V` is what is added. RESTARTS, BEGINS_ANEW: from the next tick on the algorithm acts.
-    preview_m: (n,) setpoints of this tick and the next."""
+    """What is to be done at a tick; unless the algorithm acts, `guard.output_V` is what is added. After a start it acts from the
+    next tick on. preview_m: (n,) setpoints of this tick and the next."""
     reason = _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
-    if reason != SOUND:
+    if reason != Reason.SOUND:
         _fall_back(guard, reason, HOLD_OFF_S)
     else:
         _follow_speed(guard, setpoint_m, preview_m)
     if guard.hold_off_ticks == 0:
-        return ACTS
+        return Todo.ACT
     guard.fade_ticks = max(0, guard.fade_ticks - 1)
     x = guard.fade_ticks / FADE_TICKS
     guard.output_V = guard.fade_from_V * x * x * (3.0 - 2.0 * x)
     _move_spool(guard, guard.output_V)
     guard.hold_off_ticks -= 1
     if guard.hold_off_ticks > 0:
-        return FALLS_BACK
-    guard.fade_in, guard.reason, anew = 0.0, SOUND, guard.anew
+        return Todo.FALL_BACK
+    guard.fade_in, guard.reason, anew = 0.0, Reason.SOUND, guard.anew
     guard.anew = 0
-    return BEGINS_ANEW if anew else RESTARTS
+    return Todo.BEGIN_ANEW if anew else Todo.RESTART
 
 
 @compiled
@@ -219,15 +239,15 @@ def _explained(guard, added_V, forward_V):
 def accept(guard, added_V, forward_V, finite):
     """The algorithm's volts as they are added: finite, explained by the declared valve, faded in after a fault. forward_V: what the
     controller feeds forward; finite: whether the algorithm's state is."""
-    own = SOUND
+    own = Reason.SOUND
     if not finite or added_V - added_V != 0.0:
-        own = NOT_FINITE
+        own = Reason.NOT_FINITE
     else:
         bounded_V = _explained(guard, added_V, forward_V)
         guard.beyond_ticks = guard.beyond_ticks + 1 if bounded_V != added_V else 0
         if guard.beyond_ticks * guard.tick_s > BEYOND_S:
-            own = BEYOND
-    if own != SOUND:
+            own = Reason.BEYOND
+    if own != Reason.SOUND:
         guard.anew, guard.beyond_ticks = 1, 0
         _fall_back(guard, own, HOLD_OFF_S * HOLD_OFF_RATIO**guard.own_faults)
         guard.own_faults = min(guard.own_faults + 1, MOST_OWN_FAULTS)
@@ -260,20 +280,20 @@ def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
     """What is wrong with this tick's signals."""
     total = position_m + bottom_Pa + top_Pa + supply_Pa + control_V + valve_V + setpoint_m
     if total - total != 0.0:
-        return LOST
+        return Reason.LOST
     if _frozen(guard.position, position_m, setpoint_m, guard.position_noise_m, guard.position_travel_m):
-        return POSITION_FROZEN
+        return Reason.POSITION_FROZEN
     if _frozen(guard.pressure, bottom_Pa, setpoint_m, guard.pressure_noise_Pa, guard.pressure_travel_m):
-        return PRESSURE_FROZEN
+        return Reason.PRESSURE_FROZEN
     if top_Pa != 0.0 and _frozen(
         guard.top_pressure, top_Pa, setpoint_m, guard.pressure_noise_Pa, guard.pressure_travel_m
     ):
-        return PRESSURE_FROZEN
+        return Reason.PRESSURE_FROZEN
     if abs(valve_V) < SATURATED_SHARE * guard.voltage_max_V:
         guard.saturated_ticks = 0
-        return SOUND
+        return Reason.SOUND
     guard.saturated_ticks += 1
-    return VALVE_AT_END if guard.saturated_ticks >= SATURATED_TICKS else SOUND
+    return Reason.VALVE_AT_END if guard.saturated_ticks >= SATURATED_TICKS else Reason.SOUND
 
 
 @compiled
@@ -307,7 +327,7 @@ def check_legs(
             top_Pa[i],
             supply_Pa,
         )
-        all_act = all_act and todo[i] == ACTS
+        all_act = all_act and todo[i] == Todo.ACT
     return all_act
 
 
@@ -317,7 +337,7 @@ def accept_legs(guards, todo, added_V, forward_V, finite, reasons):
     has changed."""
     changed = False
     for i in range(len(guards)):
-        if todo[i] == ACTS:
+        if todo[i] == Todo.ACT:
             added_V[i] = accept(guards[i], added_V[i], forward_V[i], finite[i])
         else:
             added_V[i] = guards[i].output_V
@@ -347,7 +367,7 @@ def step_desk(guards, todo, reasons, desk, step):
     )
     added = doubles(d.added_V, n)
     for i in range(n):
-        acts[i], added[i] = todo[i] == ACTS, 0.0
+        acts[i], added[i] = todo[i] == Todo.ACT, 0.0
     call_tick(step, pointer(desk), STEP)
     changed = accept_legs(guards, todo, added, doubles(d.forward_V, n), truths(d.finite, n), reasons)
     return all_act, changed
@@ -359,7 +379,7 @@ def share_desk(reasons, desk, step):
     d = carray(pointer(desk), (1,), LEGS)[0]
     acts = truths(d.acts, d.n)
     for i in range(d.n):
-        acts[i] = acts[i] and reasons[i] == SOUND
+        acts[i] = acts[i] and reasons[i] == Reason.SOUND
     call_tick(step, pointer(desk), SHARE)
 
 
@@ -368,7 +388,7 @@ class GuardState:
     context: Context
     inner: Any
     guards: np.ndarray  # (1,) of GUARD
-    reason: int = SOUND
+    reason: int = Reason.SOUND
     acted: bool = False  # the algorithm, at the last step
 
 
@@ -398,7 +418,7 @@ class Guarded(Wrapped):
             sample.pressure_top_Pa,
             sample.pressure_supply_Pa,
         )
-        state.acted = todo == ACTS
+        state.acted = todo == Todo.ACT
         if state.acted:
             added, state.inner = self.inner.step(state.inner, sample)
             finite = self.inner.finite(state.inner)
@@ -406,9 +426,9 @@ class Guarded(Wrapped):
             state.reason = int(state.guards["reason"][0])
             return added, state
         state.reason = int(state.guards["reason"][0])
-        if todo == BEGINS_ANEW:
+        if todo == Todo.BEGIN_ANEW:
             state.inner = self.inner.start(state.context)
-        elif todo == RESTARTS:
+        elif todo == Todo.RESTART:
             state.inner = self.inner.resume(state.context, self.inner.parameters(state.inner))
         return float(state.guards["output_V"][0]), state
 
@@ -430,7 +450,7 @@ class Guarded(Wrapped):
         return self.inner.preview_of(state.inner)
 
     def tells(self, state: GuardState) -> bool:
-        return state.acted and state.reason == SOUND and self.inner.tells(state.inner)
+        return state.acted and state.reason == Reason.SOUND and self.inner.tells(state.inner)
 
     def hear(self, state: GuardState, other: GuardState) -> None:
         self.inner.hear(state.inner, other.inner)
@@ -481,7 +501,7 @@ class GuardedLegs:
             legs.pressure_supply_Pa,
             self._todo,
         )
-        np.equal(self._todo, ACTS, out=self._acts)
+        np.equal(self._todo, Todo.ACT, out=self._acts)
         self.inner.step(legs, self._acts, added, self._finite)
         if isinstance(self.inner, OneByOne):
             for state, inner in zip(self.states, self.inner.states, strict=True):
@@ -504,10 +524,10 @@ class GuardedLegs:
     def _follow(self, todo: list[int], reasons: list[int]) -> None:
         """The states' own notes, and new starts after a fault."""
         for i, state in enumerate(self.states):
-            state.reason, state.acted = reasons[i], todo[i] == ACTS
-            if todo[i] == BEGINS_ANEW:
+            state.reason, state.acted = reasons[i], todo[i] == Todo.ACT
+            if todo[i] == Todo.BEGIN_ANEW:
                 state.inner = self.algorithm.start(state.context)
-            elif todo[i] == RESTARTS:
+            elif todo[i] == Todo.RESTART:
                 state.inner = self.algorithm.resume(state.context, self.algorithm.parameters(state.inner))
             else:
                 continue
@@ -515,4 +535,4 @@ class GuardedLegs:
 
     def share(self, alike: np.ndarray) -> None:
         """What legs have just learned, to those that are alike (n_legs, n_legs)."""
-        self.inner.share(self._acts & (self._reasons == SOUND), alike)
+        self.inner.share(self._acts & (self._reasons == Reason.SOUND), alike)

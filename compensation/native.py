@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from .compensator import MOST_LEGS, Compensator, Context, Parameters
-from .guard import ACTS, BEGINS_ANEW, GUARD, RESTARTS, accept, check, start_guard
+from .guard import GUARD, Todo, accept, check, start_guard
 
 EXPORTED = ("adaptive",)  # algorithms that are compiled throughout
 LOADS = 32  # of a preview, more than any algorithm looks ahead
@@ -186,7 +186,7 @@ def guarded(made: Native) -> SimpleNamespace:
         guard = whole.guard
         todo = check(guard, setpoint_m, ahead, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
         volts, told = guard.output_V, guard.reason
-        if todo == ACTS:
+        if todo == Todo.ACT:
             volts, told = step(
                 whole.algorithm,
                 whole.inputs,
@@ -203,9 +203,9 @@ def guarded(made: Native) -> SimpleNamespace:
             )
             volts = accept(guard, volts, forward_V, finite(whole.algorithm, numbers[algorithm:]))
             told = guard.reason if guard.reason else told
-        elif todo == BEGINS_ANEW:
+        elif todo == Todo.BEGIN_ANEW:
             begin_anew(numbers, whole)
-        elif todo == RESTARTS:
+        elif todo == Todo.RESTART:
             keep(whole.algorithm, whole.learned)
             forget(whole.learned)
             begin_anew(numbers, whole)

@@ -23,6 +23,7 @@ from .arithmetic import clip
 from .compiled import compiled
 from .records import record
 
+# of the polynomials: from 16 ms, where packets are even, to 0.2 s, where they come rarely
 ORDERS_AND_TICKS = ((1, 8), (2, 12), (2, 24), (2, 48), (2, 96), (3, 24), (3, 48), (3, 96), (4, 48), (4, 96))
 PREDICTORS, PAST = len(ORDERS_AND_TICKS), 97  # setpoints that are kept
 PREVIEW_TICKS, MAX_LOOK = 9, 13  # least and most that is looked ahead

@@ -16,7 +16,7 @@ import hexsim as hx
 from compensation import Context
 from hexsim import HexsimError, load_scenario
 from hexsim.cli import app
-from hexsim.identification import bump, identify, plan, record, rounds
+from hexsim.identification import bump, identify, record, rounds
 from hexsim.identification import host as hosts
 from hexsim.identification import link as links
 from hexsim.identification.picture import errors_by_kind
@@ -278,8 +278,7 @@ def told_traces(monkeypatch):
     """Motions of SHORT_s. Traces and designs that are told: a tie after the first round, which the designed motion resolves; then no
     motion tells more."""
     known = []
-    for module in (plan, rounds):
-        monkeypatch.setattr(module, "MOTION_s", SHORT_s)
+    monkeypatch.setattr("hexsim.tracing.rules.MOTION_S", SHORT_s)
 
     def trace(folder, fit, held_out, out, tell):
         known.append([pl.read_parquet(path)["position_m"].to_numpy() for path in fit])

@@ -7,6 +7,7 @@ import shlex
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from enum import IntEnum
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,7 +25,14 @@ if TYPE_CHECKING:
     from hexsim.web.machine_page import MachinePage
 
 KEYS = "space pause   Enter 100 kg for 1 s   Backspace start again   ctrl + right mouse push   sliders: panel Control"
-SPACE, ENTER, BACKSPACE = 32, 257, 259  # GLFW's numbers
+
+
+class Key(IntEnum):
+    """Keys, as GLFW numbers them."""
+
+    SPACE = 32
+    ENTER = 257
+    BACKSPACE = 259
 
 
 def register(app: typer.Typer) -> None:
@@ -210,11 +218,11 @@ def check_screen() -> None:
 
 def press(machine: LiveMachine, key: int) -> None:
     """Space pauses, Enter puts 100 kg on for a second, Backspace starts again (the viewer has taken the letters)."""
-    if key == SPACE:
+    if key == Key.SPACE:
         machine.paused = not machine.paused
-    elif key == ENTER:
+    elif key == Key.ENTER:
         machine.push()
-    elif key == BACKSPACE:
+    elif key == Key.BACKSPACE:
         machine.reset()
 
 

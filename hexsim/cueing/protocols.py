@@ -25,7 +25,7 @@ import numpy as np
 from hexsim.cueing.washout import g
 from hexsim.packets import described
 
-FEET_m = 0.3048
+FEET_m = 0.3048  # exact
 FDM_BYTES = {24: 408, 25: 552}  # version: bytes
 GROUP = struct.Struct("<i8f")
 RREF = struct.Struct("<if")

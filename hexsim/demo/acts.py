@@ -30,7 +30,7 @@ from hexsim.tracing.trace import trace
 MACHINE, BENCH, MOTION = "micro_motion_system", "bench", "heave"
 LEAK = "effects.leakage_supply_to_chamber.conductance_m3_s_Pa"
 HIDDEN_m3_s_Pa = 1.8e-12  # size of a worn piston seal
-FIT, HELD_OUT = ("multisine", 1), ("heave", 2)  # scenario, seed of the sensors' noise
+RUNS = {"fit": ("multisine", 1), "validate": ("heave", 2)}  # scenario, seed of the sensors' noise
 SHARES = (0.0, 0.15, 0.4, 0.8)  # of the whole time, at which the acts begin
 
 Show = Callable[[str, float], None]
@@ -126,7 +126,7 @@ def traced(folder: Path, show: Show) -> Act:
     bench = load_machine(BENCH)
     save_machine(bench, place / "machine.toml")
     leaking = changed(bench, {LEAK: HIDDEN_m3_s_Pa})
-    for name, (scenario, seed) in (("fit", FIT), ("validate", HELD_OUT)):
+    for name, (scenario, seed) in RUNS.items():
         log = simulate(leaking, load_scenario(scenario), seed=seed).log
         write_log(log.select("time_s", *measured_columns(bench.n_legs)), place / f"{name}.parquet")
     result = trace(place, ["fit"], ["validate"], place / "trace", show)

@@ -29,7 +29,7 @@ from hexsim.setpoints.signals import Sine
 
 Array = NDArray[np.float64]
 SECTIONS = ("valve", "friction", "load", "oil", "cylinder", "supply")
-AHEAD_s = (0.0, 0.01, 0.02)
+AHEAD_s = (0.0, 0.01, 0.02)  # of the velocities that are shown: now, and what a valve of 60 Hz takes to answer
 ERROR_m, VELOCITY_m_s, ACCELERATION_m_s2, DEVIATION_m_s2 = 1e-3, 0.1, 0.5, 0.2  # what counts as 1
 BAND_Hz = (4.0, 50.0)  # above the motions, whose lag is no jolt
 N_SEEN = 8  # numbers a leg in an observation

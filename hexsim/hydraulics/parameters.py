@@ -139,7 +139,7 @@ ROD_SIDES = {"supply": ROD_SIDE_SUPPLY, "chamber": ROD_SIDE_PORT, "valve": ROD_S
 
 LEARNED_TABLE = len(P)  # the curve stands behind the named places
 FLOW_TABLE = LEARNED_TABLE + LEARNED_KNOTS  # spool positions of a flow curve, then the openings that they stand for
-N_PARAMETERS = FLOW_TABLE + 2 * FLOW_POINTS
+N_PARAMETERS = FLOW_TABLE + 2 * FLOW_POINTS  # volts and flows of a measured valve behind all others
 
 
 def declared_rows(machine: Machine) -> np.ndarray:

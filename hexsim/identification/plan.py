@@ -14,10 +14,10 @@ from hexsim.identification import bump
 from hexsim.identification.picture import motion_figure
 from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
 from hexsim.recording.figure_style import png
+from hexsim.tracing import rules
 from hexsim.tracing.design.motions import MotionFamily
 
 Array = NDArray[np.float64]
-MOTION_s = 20.0  # of a round
 SMALL_s = 5.0  # of the first, careful motion
 # kind, axis, size, two frequencies, slope, seed: see `MotionFamily.bounds`
 FIRST = np.array([0, 0, 0.9, 0.2, 0.75, 0.5, 1])
@@ -38,7 +38,10 @@ def planned(
 
     Raises HexsimError where no motion fits inside the limits.
     """
-    family, careful = MotionFamily(machine, MOTION_s, largest=largest), MotionFamily(machine, SMALL_s, largest=largest)
+    family, careful = (
+        MotionFamily(machine, rules.MOTION_S, largest=largest),
+        MotionFamily(machine, SMALL_s, largest=largest),
+    )
     scenarios = {"small": careful.scenario(FIRST)}
     scenarios |= {name: family.scenario(point) for name, point in HELD_OUT.items()} | {
         "round_1": family.scenario(FIRST)

@@ -27,7 +27,7 @@ from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
 from hexsim.identification import bump
 from hexsim.identification.host import Host, MachineFault
-from hexsim.identification.plan import HELD_OUT, MOTION_s, SMALL_s, draw, planned
+from hexsim.identification.plan import HELD_OUT, SMALL_s, draw, planned
 from hexsim.identification.record import Round, Story
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
@@ -188,7 +188,7 @@ def _rounds(
         name = logs / f"round_{number}.parquet"
         if not name.exists():
             used_s = before_s + host.time_s
-            if used_s + MOTION_s + guided_s > budget_s:
+            if used_s + rules.MOTION_S + guided_s > budget_s:
                 story.ended = f"the time is used: {used_s:.0f} of {budget_s:.0f} s"
                 return
             write_log(measure(name.stem, rows, f"round {number}: measuring"), name)
@@ -204,7 +204,9 @@ def _rounds(
                 f"{result.verdict}: nothing is left to be told apart, and every number is sharp{''.join(terms)}"
             )
             return
-        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False, largest=largest)
+        design = next_measurement(
+            result, rules.MOTION_S, partial(_tell_round, tell, number), may_load=False, largest=largest
+        )
         if not worth_a_run(design.to_json(), result.verdict in ("unexplained", "partly")):
             why = design.purpose if design.purpose.startswith("no motion") else "; ".join(open_points(result))
             story.ended = f"no motion inside the machine's limits tells more: {why}"

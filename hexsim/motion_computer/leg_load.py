@@ -26,7 +26,7 @@ from hexsim.mechanics.rigid_body import RigidBody, joint_wrenches, mass_matrix
 
 Array = NDArray[np.float64]
 NEUTRAL = np.zeros(6)
-SPAN = 2 * MEASURED_TICKS + 1
+SPAN = 2 * MEASURED_TICKS + 1  # ticks of a parabola whose middle is as old as a measured load
 SLOPE = np.linalg.pinv(np.vander(np.arange(SPAN) - MEASURED_TICKS, 3, increasing=True))[1]  # of a parabola, a tick
 
 

@@ -41,12 +41,12 @@ from hexsim.plant.callbacks import leg_state, offset, pointer_to, supply_pressur
 from hexsim.plant.newton_euler import What, native_platform
 from hexsim.plant.states import ROW
 from hexsim.plant.structs import time_view, timestep_view
+from hexsim.smoothness.band import BANDWIDTH_Hz
 
 Array = NDArray[np.float64]
 RK4_STAGES = 4  # evaluations of a step
-BAND_Hz = 50.0  # in which motion is judged
 KICK = (
-    2.0 * BAND_Hz
+    2.0 * BANDWIDTH_Hz
 )  # [1/s] acceleration in that band after a jump of the velocity by 1 m/s: peak of the ideal low pass
 RING = 0.1  # of an error of a pressure: its estimate is of second order, RK4's error of a smooth ring a tenth of it and less
 TOLERANCE = (
@@ -57,7 +57,7 @@ LEAST_LEVEL = 0.01  # [m/s2] a fifth of what people feel: a machine at rest need
 SAFE, LEAST_SHARE, LARGEST_SHARE = 0.9, 0.2, 2.0  # of the next step over the last one
 SAME_STEP = 1e-6  # of a step: as much longer than asked for it may be, so that rounding does not add one
 LONGER = 0.1  # of a step: so much longer it may be to fill the span, where SAFE has made it shorter
-FROM_POSITION, ALL_SENSORS = 1, 0  # mjSTAGE_POS: what depends on positions alone is there; no sensor is left out
+FROM_POSITION = int(mujoco.mjtStage.mjSTAGE_POS)  # what depends on positions alone is there
 
 
 @intrinsic
@@ -326,7 +326,7 @@ def keep_bends(context, h):
 @compiled
 def note_level(context):
     """Follow the peak of the acceleration in the band, at the beginning of a tick."""
-    share, peak = 1.0 - math.exp(-2.0 * math.pi * BAND_Hz * context.tick_s), 0.0
+    share, peak = 1.0 - math.exp(-2.0 * math.pi * BANDWIDTH_Hz * context.tick_s), 0.0
     for i in range(context.slow.shape[0]):
         context.slow[i] += share * (context.reach[i] * context.qacc[i] - context.slow[i])
         peak = max(peak, abs(context.slow[i]))
@@ -379,7 +379,7 @@ def _evaluate(context, is_located):
     if context.platform:
         call_native(context.platform, context.model, context.data, (What.EVALUATE,))
     elif is_located:
-        call_native(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
+        call_native(context.forward_from, context.model, context.data, (FROM_POSITION, 0))  # 0: no sensor is left out
     else:
         call_native(context.forward, context.model, context.data, ())
     call_native(context.check, context.model, context.data, ())

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from hexsim.cueing.washout import Cueing, Washout, g
 
 Array = NDArray[np.float64]
+# of the test, five a decade
 FREQUENCIES_rad_s = (0.100, 0.158, 0.251, 0.398, 0.631, 1.000, 1.585, 2.512, 3.981, 6.310, 10.000, 15.849)
 RATE_rad_s = np.radians(10.0)  # of the vehicle's sine
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")

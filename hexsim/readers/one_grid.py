@@ -16,7 +16,7 @@ from hexsim.signals.log import hold_of
 
 Array = np.ndarray
 SLOWEST_OWN_Hz = 1e-4  # a machine of one's own may be a tank that fills for hours
-RATES_Hz = (5.0, 20_000.0)
+RATES_Hz = (5.0, 20_000.0)  # of a log: below it shows no valve, above it its time is in another unit
 FILL = 10  # samples: shorter gaps are filled, longer ones end a stretch
 AT_END = 0.1  # steps of the grid by which a signal goes on at its ends: a grid begins beside samples that wander
 FLAG = (16, 0.9)  # values at most, share of steps that are none: a switch or a mode, which holds between samples

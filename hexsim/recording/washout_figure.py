@@ -12,7 +12,7 @@ from hexsim.mechanics.leg_geometry import write_rotation
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, small_multiples, styled
 
-RATE_Hz = 500.0
+RATE_Hz = 500.0  # as the motion computer ticks
 PUSH_s = 4.0  # that the vehicle accelerates
 
 

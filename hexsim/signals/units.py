@@ -10,11 +10,11 @@ from functools import cache
 from hexsim.declaration import ATMOSPHERE_Pa
 from hexsim.errors import HexsimError
 
-POUND_kg = 0.45359237
-INCH_m = 0.0254
+POUND_kg = 0.45359237  # exact
+INCH_m = 0.0254  # exact
 STANDARD_GRAVITY = 9.80665  # [m/s2], exact as pound, inch and gallon are
-PSI_Pa = POUND_kg * STANDARD_GRAVITY / INCH_m**2
-GALLON_m3 = 3.785411784e-3
+PSI_Pa = POUND_kg * STANDARD_GRAVITY / INCH_m**2  # from the three above
+GALLON_m3 = 231.0 * INCH_m**3  # of the United States
 DEGREE = math.pi / 180
 
 # name: (factor, offset, dimension). Gauge pressures are the project's; absolute ones lose one standard atmosphere.

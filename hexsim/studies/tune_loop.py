@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 SHAKEN_m_s2 = min(PERCEPTION_m_s2.values()) / 3.0  # rms in the felt band, by noise of the transducers
 FOLLOW_TO_Hz = 10.0  # [Hz] no motion that people ride asks for more
 POINTS = 100  # frequencies of a loop that is judged thousands of times
-
+# at which an axis is measured: closest where a loop of a few hertz turns
 FREQUENCIES_Hz = (0.5, 1.0, 1.5, 2.5, 4.0, 5.5, 7.0, 8.5, 10.5, 13.0, 16.0, 19.5)
 
 

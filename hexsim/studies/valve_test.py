@@ -27,7 +27,7 @@ from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
 Array = NDArray[np.float64]
 AMPLITUDES = (0.05, 0.25, 1.0)  # of full signal
 FREQUENCIES_Hz = np.geomspace(1.0, 1000.0, 61)
-STEPS = (0.1, 0.25, 0.5, 1.0)
+STEPS = (0.1, 0.25, 0.5, 1.0)  # of full signal
 SEAL = 1e-17  # [m3/s/Pa] of a blocked port, so that a dead band has a pressure: the middle one
 
 

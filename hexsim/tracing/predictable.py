@@ -21,7 +21,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 
 Array = np.ndarray
-MEAN_S = 0.5 * HALF_WIDTH_S
+MEAN_S = 0.5 * HALF_WIDTH_S  # of the means: above 50 Hz nothing is predicted
 TURNS = 16  # of the null
 
 

@@ -181,7 +181,7 @@ def guarded(volts_V: float = 0.0, held: float = 0.0) -> Compensator:
 def test_a_number_that_is_not_finite_anywhere_in_a_state_ends_compensation(held) -> None:
     """A state with one such number, whose volts are finite: none are added, and it is said."""
     volts, said = stepped(guarded(0.05, held), 200)
-    assert max(map(abs, volts)) == 0.0 and said[0] == guard.SENTENCES[guard.NOT_FINITE]
+    assert max(map(abs, volts)) == 0.0 and said[0] == guard.SENTENCES[guard.Reason.NOT_FINITE]
 
 
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf])
@@ -217,7 +217,7 @@ def test_a_spoilt_state_leaves_finite_and_explained_volts(learned) -> None:
             added, state = made.step(state, asked)
             said.add(made.status(state))
             assert math.isfinite(added) and abs(added) <= most, place
-        assert place != mass or guard.SENTENCES[guard.NOT_FINITE] in said
+        assert place != mass or guard.SENTENCES[guard.Reason.NOT_FINITE] in said
 
 
 def test_no_more_than_the_declared_valve_explains() -> None:
@@ -227,7 +227,7 @@ def test_no_more_than_the_declared_valve_explains() -> None:
     most = volts_bound.EDGE_MARGIN * CONTEXT.edge_V
     assert max(volts) <= most * volts_bound.lead_gain(60.0, 0.7) + 1e-12
     assert max(volts[3:]) <= most + 1e-12  # once the spool is there
-    assert np.all(np.array(volts[45:270]) == 0.0) and guard.SENTENCES[guard.BEYOND] in said
+    assert np.all(np.array(volts[45:270]) == 0.0) and guard.SENTENCES[guard.Reason.BEYOND] in said
     volts, said = stepped(guarded(0.2), 400)
     assert volts == [0.2] * 400 and not any(said)
 

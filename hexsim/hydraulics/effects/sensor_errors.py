@@ -84,8 +84,10 @@ def error_of(
     )
 
 
-BUSES, TRANSDUCERS, LATE, SCALE = "filters and buses: 1-400 ms", "transducers: 0.5-2 % of span", (0.0, 1.0), (-0.9, 9.0)
-FILTERS, SMOOTHED = "filters of transducers: 20-100 Hz", (0.0, 0.1)
+BUSES, TRANSDUCERS = "filters and buses: 1-400 ms", "transducers: 0.5-2 % of span"
+FILTERS = "filters of transducers: 20-100 Hz"
+LATE, SMOOTHED = (0.0, 1.0), (0.0, 0.1)  # [s] bounds of a delay and of a low-pass
+SCALE = (-0.9, 9.0)  # bounds of a gain's error: a transducer shows something, and not ten times as much
 EFFECTS = (
     error_of(
         ACCELERATION, "gain", 0.04, "report 2.3.1: dividing and multiplying by a sensitivity confused", (-0.95, 9.0)
