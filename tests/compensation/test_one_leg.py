@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from compensation.adaptive import leg
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 V_TO_M, BOTTOM_m2, TOP_m2 = 1.1e-4, math.pi / 4 * 0.04**2, math.pi / 4 * (0.04**2 - 0.03**2)

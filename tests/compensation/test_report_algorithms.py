@@ -9,11 +9,10 @@ import pytest
 from leg_plant import Leg, Record, run
 
 import compensation
+from compensation import flow_curve, report_functions
 from compensation.buffered import Buffered
 from compensation.exact import Exact
-from compensation.flow_curve import FlowCurve, overlap_curve, quadratic_curve
 from compensation.iterative import Iterative
-from compensation.report_functions import function_1, function_2
 
 REPORT_LEG = dict(quadratic=True, spool_Hz=0.0, sharpness_m_s=0.0)  # chapter 3 and 5: Eq. 3.11, no spool, arctan
 REPORT = dict(rate_Hz=1e4, noise=False)  # its simulation ran at 10 kHz with clean signals
@@ -30,11 +29,13 @@ def test_function_2_is_the_exact_inverse_of_the_quadratic_curve() -> None:
     """Eq. 5.3 with a = q/4, b = 1/q, c = 0 makes v = C u^2 the line v = C q u, to rounding, at 2001 voltages."""
     q, gain = 1.3, 0.16
     for u in np.linspace(-2 * q, 2 * q, 2001):
-        total = u + function_2(u, q / 4, 1 / q, 0.0)
+        total = u + report_functions.function_2(u, q / 4, 1 / q, 0.0)
         assert gain * total * abs(total) == pytest.approx(gain * q * u, abs=1e-14)
 
 
-@pytest.mark.parametrize(("function", "end"), [(function_1, math.pi), (function_2, 1.0)])
+@pytest.mark.parametrize(
+    ("function", "end"), [(report_functions.function_1, math.pi), (report_functions.function_2, 1.0)]
+)
 def test_functions_are_odd_and_peak_at_a(function, end) -> None:
     """Both functions are odd about c/b, zero at c/b and at the end of their range, and a is their largest value."""
     a, b, c = 0.25, 1.7, 0.2
@@ -49,10 +50,10 @@ def test_functions_are_odd_and_peak_at_a(function, end) -> None:
 
 def test_flow_curve_and_its_inverse_undo_each_other() -> None:
     """velocity(voltage(v)) = v on both sides; the overlap's ends are at +-45.45 mV for 5 um of 1.1 mm at 10 V."""
-    for curve in (overlap_curve(), quadratic_curve()):
+    for curve in (flow_curve.overlap_curve(), flow_curve.quadratic_curve()):
         for v in np.linspace(-0.5, 0.5, 101):
             assert curve.velocity(curve.voltage(v)) == pytest.approx(v, abs=1e-12)
-    curve = overlap_curve()
+    curve = flow_curve.overlap_curve()
     assert curve.velocity(0.045) == 0.0 == curve.velocity(-0.045)
     assert curve.voltage(1e-9) == pytest.approx(5e-6 / 1.1e-4, rel=1e-6)
     assert curve.voltage(-1e-9) == pytest.approx(-5e-6 / 1.1e-4, rel=1e-6)
@@ -61,17 +62,17 @@ def test_flow_curve_and_its_inverse_undo_each_other() -> None:
 def test_a_wrong_flow_curve_is_refused() -> None:
     """Falling velocities, unequal lengths and NaN are told apart."""
     with pytest.raises(ValueError, match="never fall"):
-        FlowCurve((0.0, 1.0), (1.0, 0.0))
+        flow_curve.FlowCurve((0.0, 1.0), (1.0, 0.0))
     with pytest.raises(ValueError, match="as many velocities"):
-        FlowCurve((0.0, 1.0), (1.0,))
+        flow_curve.FlowCurve((0.0, 1.0), (1.0,))
     with pytest.raises(ValueError, match="not finite"):
-        FlowCurve((0.0, 1.0), (1.0, math.nan))
+        flow_curve.FlowCurve((0.0, 1.0), (1.0, math.nan))
 
 
 def test_exact_inverse_of_the_quadratic_curve_leaves_almost_nothing(uncompensated) -> None:
     """Report 5.2: with the curve known, a twentieth of the bump is left (smooth friction hides the rest, errata Eq.
     3.9)."""
-    exact = Exact(curve=quadratic_curve(), slope_m_s_V=0.15)
+    exact = Exact(curve=flow_curve.quadratic_curve(), slope_m_s_V=0.15)
     left = run(exact, Leg(**REPORT_LEG), duration_s=8.0, **REPORT).peak(6.0, 8.0, band_Hz=None)
     assert uncompensated == pytest.approx(0.438, rel=0.02)  # the errata's independent figure
     assert left < uncompensated / 10

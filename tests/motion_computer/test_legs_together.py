@@ -8,15 +8,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-import compensation.guard
-from compensation import Compensator, Context, Sample
+from compensation import Compensator, Context, Sample, exact, guard, legs
 from compensation.adaptive import Adaptive
-from compensation.exact import E, Exact
-from compensation.guard import Guarded
-from compensation.legs import OneByOne
+from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.motion_computer.position_loop import PositionLoop
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 RUNG_V = 1e-9  # what rounding may make of volts in six seconds; a count of a transducer moves them by 1e-4
@@ -32,7 +28,7 @@ def test_legs_together_are_legs_one_by_one(hexapod, monkeypatch):
     equal to the bit."""
     scenario = replace(short(6.0), faults=(LOST,))
     together = simulate(hexapod, scenario, compensator="adaptive", fast=True)
-    monkeypatch.setattr(compensation.guard, "stepper", OneByOne)
+    monkeypatch.setattr(guard, "stepper", legs.OneByOne)
     apart = simulate(hexapod, scenario, compensator="adaptive", fast=True)
     assert together.log.equals(apart.log)
     assert together.compensator_parameters == apart.compensator_parameters
@@ -82,18 +78,18 @@ def flat(tables) -> list[float]:
 
 def test_a_fault_of_a_guard_is_followed(hexapod):
     """An algorithm that turns not finite in a compiled run is held off, starts anew after half a second, fails again; the run says so."""
-    run = simulate(hexapod, short(0.8), compensator=Guarded(Failing()), fast=True)
+    run = simulate(hexapod, short(0.8), compensator=guard.Guarded(Failing()), fast=True)
     said = [text for _, _, text in run.messages]
     assert sum("not finite" in text for text in said) == 12 and sum("normal again" in text for text in said) == 6
     assert all("not finite" in leg["reason"] for leg in run.summary["compensation"])
 
 
-class Failing(Exact):
+class Failing(exact.Exact):
     """Its slow mean of the pressure overflows at the first noise."""
 
     def new_row(self, context):
         row = super().new_row(context)
-        row[E.PRESSURE_SHARE] = 1e308
+        row[exact.E.PRESSURE_SHARE] = 1e308
         return row
 
 
@@ -118,7 +114,7 @@ class Counting(Compensator):
 
 def test_a_new_state_at_each_step_is_kept(hexapod):
     """Half a second at 500 Hz: each leg's state has counted the ticks."""
-    run = simulate(hexapod, short(0.5), compensator=Guarded(Counting()), fast=True)
+    run = simulate(hexapod, short(0.5), compensator=guard.Guarded(Counting()), fast=True)
     counted = [leg["steps"] for leg in run.compensator_parameters]
     assert len(set(counted)) == 1 and abs(counted[0] - 250) <= 1
 
@@ -131,6 +127,6 @@ class Stepping(Adaptive):
 
 def test_what_a_derived_algorithm_does_is_done(hexapod):
     """A step of its own adds 10 mV to every leg."""
-    run = simulate(hexapod, short(0.5), compensator=Guarded(Stepping(name="derived")), fast=True)
+    run = simulate(hexapod, short(0.5), compensator=guard.Guarded(Stepping(name="derived")), fast=True)
     added = run.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy()
     assert np.allclose(added[100:], 0.01)

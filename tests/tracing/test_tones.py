@@ -3,7 +3,7 @@
 import pytest
 from other_plant import write_machine
 
-from hexsim.tracing.trace import trace
+import hexsim as hx
 
 
 @pytest.mark.slow
@@ -15,5 +15,5 @@ def test_a_hum_of_the_pressure_is_named_nothing_and_an_outside_force_is_named(tm
     """Benches of the second plant, its parameters off. The balances alone name the hum of 37 Hz an outside force of 75 N; with
     that force a held-out channel grows in simulation."""
     write_machine(tmp_path, seed, injected)
-    effects = trace(tmp_path, ["fit", "sweep"], ["validate"]).effects
-    assert [own.candidate.effect.name for own in effects] == found
+    report = hx.trace(tmp_path, ["fit", "sweep"], ["validate"]).report
+    assert [own["name"] for own in report["effects"]] == found
