@@ -1,9 +1,12 @@
 """Processor seconds of commands, today's tree and an older commit in turn: `python benchmarks/command_speed.py --first`.
 
-Writes "commands" in docs/results/speed.json and the table of docs/results/speed.md. Each row is a process of its own (user and
-system time), the trees in turn, the median of all rounds, with warm caches; --first also measures a first run of each tree, which
-compiles. Other work on the machine raises both sides: read the ratios. With --keep FOLDER the older tree and both caches
-stay there for the next time. --rows TEXT ... measures the rows that contain one of them; other rows stay as they were.
+Writes "commands" and "profile" in docs/results/speed.json and the tables of docs/results/speed.md. Each row is a process of its
+own (user and system time), the trees in turn, the median of all rounds, with warm caches; --first also measures a first run of
+each tree, which compiles. Other work on the machine raises both sides: read the ratios. With --keep FOLDER the older tree and both
+caches stay there for the next time. --rows TEXT ... measures the rows that contain one of them; other rows stay as they were.
+
+The profile says where the processor time of `hexsim run heave` goes, by package: every 2 ms of it the innermost frame of a package
+gets what has gone by, compiled code's to who called it.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -63,6 +67,33 @@ for _ in range(100):
     many.step(still)
 print(100 * 64 * many.task.tick_s / (time.process_time() - begun))
 """
+PROFILE = """
+import contextlib, io, json, os, signal, sys, time
+sys.argv = ["hexsim", "run", "heave", "--out", sys.argv[1]]
+found, last = {}, time.process_time()
+def package(frame):
+    while frame is not None:
+        parts = frame.f_code.co_filename.split(os.sep)
+        if "importlib" in frame.f_code.co_filename:
+            return "imports"
+        if "site-packages" in parts:
+            return parts[parts.index("site-packages") + 1].removesuffix(".py")
+        if "hexsim" in parts[:-1]:
+            return ".".join(["hexsim", *parts[parts.index("hexsim") + 1 : -1]][:2])
+        frame = frame.f_back
+    return "Python"
+def look(_, frame):
+    global last
+    now, name = time.process_time(), package(frame)
+    found[name], last = found.get(name, 0.0) + now - last, now
+signal.signal(signal.SIGPROF, look)
+signal.setitimer(signal.ITIMER_PROF, 0.002, 0.002)
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    from hexsim.cli import main
+    main()
+signal.setitimer(signal.ITIMER_PROF, 0.0)
+print(json.dumps(found))
+"""
 IMPORTS = """
 import hexsim
 from hexsim.machine import load_machine
@@ -87,6 +118,7 @@ ROWS: dict[str, tuple[str, ...]] = {  # each ends with the folder of its files, 
     "`hexsim sweep`, a worker: the same": ("-c", SWEEP),
     "gym, 64 hexapods, a thread: the same": ("-c", GYM),
 }
+AIMS = dict(zip((FIRST, *ROWS), (26 / 15, 6.5 / 3, 4.8 / 1.5, 32 / 10, 4 / 1, 10 / 3, *[250 / 89] * 3), strict=True))
 COMPILES = ROWS["`hexsim run heave --no-recording --no-report`"]
 
 
@@ -120,6 +152,15 @@ class Side:
         if process.returncode:
             raise SystemExit(f"{self.name}: {' '.join(command)} ended with {process.returncode}")
         return float(printed) if command[-1] in PRINT_RATES else usage.ru_utime + usage.ru_stime
+
+    def profile(self) -> dict[str, float]:
+        """Processor seconds of `hexsim run heave` by package."""
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-c", PROFILE, f"{folder}/out"]
+            printed = subprocess.check_output(
+                command, env=self.environment, cwd=folder, stderr=subprocess.DEVNULL, text=True
+            )
+        return json.loads(printed.splitlines()[-1])
 
     def note(self, row: str, value: float) -> None:
         """One more value of a row."""
@@ -163,12 +204,24 @@ PRINT_RATES = (RATE, SWEEP, GYM)
 RATES = {row for row, command in ROWS.items() if command[-1] in PRINT_RATES}
 
 
-def page(text: str, rows: list[dict[str, object]]) -> str:
-    """The page with its table between the two lines that mark it."""
-    begin, end = "<!-- table -->\n", "<!-- end of table -->"
-    lines = ["| | before | now | times as fast |", "|---|---|---|---|"]
-    lines += [f"| {row['what']} | {row['before']:.1f} | {row['now']:.1f} | {row['ratio']:.1f} |" for row in rows]
-    return text[: text.index(begin)] + begin + "\n".join(lines) + "\n" + text[text.index(end) :]
+def page(text: str, kept: dict[str, Any]) -> str:
+    """The page with its tables between the lines that mark them."""
+    rows = ["| | before | now | times as fast | aim |", "|---|---|---|---|---|"]
+    for row in kept["commands"]["rows"]:
+        times = " | ".join(f"{row[key]:.1f}" for key in ("before", "now", "ratio"))
+        rows.append(f"| {row['what']} | {times} | {AIMS[row['what']]:.1f} |")
+    parts, least_s = kept["profile"], 0.1
+    named = [name for name, now in parts["now"].items() if max(now, parts["before"].get(name, 0.0)) >= least_s]
+    named += [name for name, before in parts["before"].items() if name not in parts["now"] and before >= least_s]
+    shares = ["| | before | now |", "|---|---|---|"]
+    for name in sorted(named, key=lambda name: -parts["before"].get(name, 0.0)):
+        shares.append(f"| {name} | {parts['before'].get(name, 0.0):.1f} | {parts['now'].get(name, 0.0):.1f} |")
+    rest = (sum(own for name, own in side.items() if name not in named) for side in (parts["before"], parts["now"]))
+    shares.append(f"| all others | {' | '.join(f'{own:.1f}' for own in rest)} |")
+    for name, lines in (("table", rows), ("profile", shares)):
+        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+        text = text[: text.index(begin)] + begin + "\n".join(lines) + "\n" + text[text.index(end) :]
+    return text
 
 
 def main() -> None:
@@ -188,6 +241,7 @@ def main() -> None:
             before = Side(arguments.against, tree, place / f"cache_{arguments.against}")
             now = Side("now", ROOT, place / "cache_now")
             measured([before, now], chosen, arguments.rounds, arguments.first)
+            profile = {name: side.profile() for name, side in (("before", before), ("now", now))}
         finally:
             if arguments.keep is None:
                 subprocess.run(["git", "-C", ROOT, "worktree", "remove", "--force", tree], check=True)
@@ -199,8 +253,9 @@ def main() -> None:
         ["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
     )
     kept["commands"] = {"commit": commit.stdout.strip(), "against": arguments.against, "rows": rows}
+    kept["profile"] = profile
     RESULT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), rows), encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), kept), encoding="utf-8")
     table = Table("what", arguments.against, "now", "times as fast")
     for row in rows:
         table.add_row(str(row["what"]), *(f"{row[key]:.2f}" for key in ("before", "now", "ratio")))

@@ -238,6 +238,20 @@ def test_a_run_loads_what_it_uses(tmp_path):
     assert (tmp_path / "run" / "summary.json").is_file()
 
 
+def test_a_recording_loads_no_pandas(tmp_path):
+    """pyarrow, below Rerun, would load pandas where it is installed (0.3 s); asked for a frame, it still finds it."""
+    arguments = ["run", "heave", "--machine", "bench", "--set", "scenario.duration_s=3", "--out", str(tmp_path / "run")]
+    code = (
+        "import sys; from hexsim.cli import app; "
+        f"app({[*arguments, '--no-report']}, standalone_mode=False); "
+        "assert 'pandas' not in sys.modules, 'loaded'; "
+        "import pyarrow; assert pyarrow.table({'a': [1.0]}).to_pandas().shape == (1, 1)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr[-300:]
+    assert (tmp_path / "run" / "run.rrd").is_file()
+
+
 def test_help_says_units():
     """Units stand in the help of the options that have one; brackets would be taken for markup and dropped."""
     shown = " ".join(CliRunner(env={"COLUMNS": "200"}).invoke(app, ["run", "--help"]).stdout.split())

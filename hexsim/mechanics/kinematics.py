@@ -147,8 +147,8 @@ class HexapodKinematics(Mechanics):
 
     def pose_jacobian(self, pose: ArrayLike) -> Array:
         """d length / d (x, y, z, roll, pitch, yaw), (..., 6, 6) [1, m]."""
-        _, jacobian, _, rates = self._all(pose)
-        return np.concatenate([jacobian[..., :3], jacobian[..., 3:] @ rates], axis=-1)
+        jacobian = self.jacobian(pose)
+        return np.concatenate([jacobian[..., :3], jacobian[..., 3:] @ self._rate_matrix(pose)], axis=-1)
 
     def condition_number(self, pose: ArrayLike, characteristic_length_m: float | None = None) -> Array:
         """Ratio of largest to smallest singular value of (J_v, J_omega / L), (...); 1 is isotropic, inf singular.

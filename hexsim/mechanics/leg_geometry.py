@@ -82,15 +82,22 @@ def rotations_of_rows(poses):
 
 
 @compiled
+def rate_matrices_of_rows(poses):
+    rates = np.empty((poses.shape[0], 3, 3))
+    for k in range(poses.shape[0]):
+        write_rate_matrix(poses[k], rates[k])
+    return rates
+
+
+@compiled
 def all_of_rows(poses, base, platform, height):
     n = poses.shape[0]
     lengths, jacobian = np.empty((n, base.shape[0])), np.empty((n, base.shape[0], 6))
-    rotation, rates = np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    rotation = np.empty((n, 3, 3))
     for k in range(n):
         write_rotation(poses[k], rotation[k])
-        write_rate_matrix(poses[k], rates[k])
         write_legs(poses[k], rotation[k], base, platform, height, lengths[k], jacobian[k])
-    return lengths, jacobian, rotation, rates
+    return lengths, jacobian, rotation
 
 
 @compiled

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.mechanics.checks import as_rows, check_reach
-from hexsim.mechanics.leg_geometry import all_of_rows, lengths_of_rows, rotations_of_rows
+from hexsim.mechanics.leg_geometry import all_of_rows, lengths_of_rows, rate_matrices_of_rows, rotations_of_rows
 
 DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 ROUNDING_m = 1e-12  # of lengths of metres: below it a difference is none
@@ -154,8 +154,8 @@ class Mechanics(ABC):
         """Whether no singular pose lies between a pose and neutral, (...) bool."""
         return np.ones(np.shape(poses)[:-1], dtype=bool)
 
-    def _all(self, pose: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        """Lengths (..., n), twist Jacobian (..., n, 6), rotation (..., 3, 3), rate matrix (..., 3, 3)."""
+    def _all(self, pose: ArrayLike) -> tuple[Array, Array, Array]:
+        """Lengths (..., n), twist Jacobian (..., n, 6), rotation (..., 3, 3)."""
         rows, lead = as_rows(pose, "pose", 6)
         results = all_of_rows(rows, self.base_joints, self.platform_joints, self.neutral_height_m)
         return tuple(result.reshape(*lead, *result.shape[1:]) for result in results)  # pyright: ignore
@@ -165,6 +165,11 @@ class Mechanics(ABC):
         rows, lead = as_rows(pose, "pose", 6)
         return rotations_of_rows(rows).reshape(*lead, 3, 3)
 
+    def _rate_matrix(self, pose: ArrayLike) -> Array:
+        """E (..., 3, 3) of omega = E (roll', pitch', yaw'), in the world frame."""
+        rows, lead = as_rows(pose, "pose", 6)
+        return rate_matrices_of_rows(rows).reshape(*lead, 3, 3)
+
     def jacobian(self, pose: ArrayLike) -> Array:
         """J (..., n, 6) of l' = J (v, omega): v of the platform origin, omega, both in the world frame. [1, m]"""
         return self._all(pose)[1]
@@ -172,8 +177,7 @@ class Mechanics(ABC):
     def twist(self, pose: ArrayLike, pose_rate: ArrayLike) -> Array:
         """(v, omega) (..., 6) in the world frame [m/s, rad/s] from the rates of the pose coordinates."""
         rate = np.asarray(pose_rate, dtype=np.float64)
-        rates = self._all(pose)[3]
-        return np.concatenate([rate[..., :3], _times(rates, rate[..., 3:])], axis=-1)
+        return np.concatenate([rate[..., :3], _times(self._rate_matrix(pose), rate[..., 3:])], axis=-1)
 
     def twist_rate(self, pose: ArrayLike, pose_rate: ArrayLike, pose_acceleration: ArrayLike) -> Array:
         """(v', omega') (..., 6) in the world frame [m/s2, rad/s2]: omega' = E q'' + E' q'.
@@ -182,7 +186,7 @@ class Mechanics(ABC):
         """
         rate = np.asarray(pose_rate, dtype=np.float64)
         acceleration = np.asarray(pose_acceleration, dtype=np.float64)
-        rates = self._all(pose)[3]
+        rates = self._rate_matrix(pose)
         roll_axis, pitch_axis, yaw_axis = rates[..., 0], rates[..., 1], rates[..., 2]
         roll, pitch, yaw = rate[..., 3:4], rate[..., 4:5], rate[..., 5:6]
         turning = roll * np.cross(yaw * yaw_axis + pitch * pitch_axis, roll_axis)
@@ -199,7 +203,7 @@ class Mechanics(ABC):
         p_i'' = v' + omega' x r_i + omega x (omega x r_i). This is the acceleration of a mass that rides on the
         platform end of the leg; the piston's own in its cylinder is `leg_accelerations`. Gravity is not in it.
         """
-        _, jacobian, rotation, _ = self._all(pose)
+        _, jacobian, rotation = self._all(pose)
         omega = np.asarray(twist, dtype=np.float64)[..., None, 3:]
         arms = np.einsum("...ab,ib->...ia", rotation, self.platform_joints)
         centripetal = np.cross(omega, np.cross(omega, arms))
@@ -211,7 +215,7 @@ class Mechanics(ABC):
 
         l'' = u . p'' + (|p'|^2 - l'^2) / l: the second term is the swing of the leg about its base joint.
         """
-        lengths, jacobian, rotation, _ = self._all(pose)
+        lengths, jacobian, rotation = self._all(pose)
         twist = np.asarray(twist, dtype=np.float64)
         arms = np.einsum("...ab,ib->...ia", rotation, self.platform_joints)
         joint_velocity = twist[..., None, :3] + np.cross(twist[..., None, 3:], arms)

@@ -17,6 +17,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, U
 from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.points import imu_reading, mounting
+from hexsim.mechanics.rigid_body import rotated, rotated_back, rotation_of
 from hexsim.plant.callbacks import (
     MPa,
     chamber_state,
@@ -116,21 +117,29 @@ def leg_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
     """Piston positions and velocities (m, n_legs)."""
     if not plant.is_tendon:
         return qpos[:, plant.slides] - plant.rows[:, P.LENGTH_OFFSET], qvel[:, plant.slide_speeds]
-    pose, twist = platform_motion(plant, qpos, qvel)
+    pose, twist, _ = platform_motion(plant, qpos, qvel, qvel)
     return plant.kinematics.piston_positions(pose), plant.kinematics.leg_velocities(pose, twist)
 
 
-def platform_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
-    """Pose relative to neutral and twist in the world frame, (m, 6) each."""
-    w, x, y, z = qpos[:, 3:7].T
-    pose = np.empty((len(qpos), 6))
-    pose[:, :3] = qpos[:, :3] - [0.0, 0.0, plant.kinematics.neutral_height_m]
-    pose[:, 3] = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pose[:, 4] = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
-    pose[:, 5] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    rotation = plant.kinematics.rotation(pose)
-    twist = np.concatenate([qvel[:, :3], np.einsum("kij,kj->ki", rotation, qvel[:, 3:6])], axis=1)
-    return pose, twist
+@compiled
+def _platform_rows(qpos, qvel, qacc, height, pose, twist, along):
+    """Fill poses and twists (m, 6), and linear accelerations along the platform's axes (m, 3)."""
+    for k in range(qpos.shape[0]):
+        r, s, t = rotation = rotation_of((qpos[k, 3], qpos[k, 4], qpos[k, 5], qpos[k, 6]))
+        pose[k, 0], pose[k, 1], pose[k, 2] = qpos[k, 0], qpos[k, 1], qpos[k, 2] - height
+        pose[k, 3], pose[k, 4] = np.arctan2(t[1], t[2]), np.arcsin(min(max(-t[0], -1.0), 1.0))
+        pose[k, 5] = np.arctan2(s[0], r[0])
+        twist[k, 0], twist[k, 1], twist[k, 2] = qvel[k, 0], qvel[k, 1], qvel[k, 2]
+        twist[k, 3], twist[k, 4], twist[k, 5] = rotated(rotation, (qvel[k, 3], qvel[k, 4], qvel[k, 5]))
+        along[k, 0], along[k, 1], along[k, 2] = rotated_back(rotation, (qacc[k, 0], qacc[k, 1], qacc[k, 2]))
+
+
+def platform_motion(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> tuple[Array, Array, Array]:
+    """Pose relative to neutral, twist in the world frame (m, 6); linear acceleration in the platform frame (m, 3)."""
+    pose, twist, along = np.empty((len(qpos), 6)), np.empty((len(qpos), 6)), np.empty((len(qpos), 3))
+    height = plant.kinematics.neutral_height_m
+    _platform_rows(*map(np.ascontiguousarray, (qpos, qvel, qacc)), height, pose, twist, along)
+    return pose, twist, along
 
 
 def platform_signals(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> PlatformSignals:
@@ -140,14 +149,8 @@ def platform_signals(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> Pla
         return PlatformSignals(
             pose=pose, twist=np.pad(qvel[:, :1], ((0, 0), (2, 3))), acceleration=qacc[:, :1], angular_acceleration=still
         )
-    pose, twist = platform_motion(plant, qpos, qvel)
-    rotation = plant.kinematics.rotation(pose)
-    return PlatformSignals(
-        pose=pose,
-        twist=twist,
-        acceleration=np.einsum("kji,kj->ki", rotation, qacc[:, :3]),
-        angular_acceleration=qacc[:, 3:6],
-    )
+    pose, twist, along = platform_motion(plant, qpos, qvel, qacc)
+    return PlatformSignals(pose=pose, twist=twist, acceleration=along, angular_acceleration=qacc[:, 3:6])
 
 
 def imu_motion(resolved: Resolved, instant: PlatformSignals, omega: Array) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ styling is static. Where several runs are shown, curves that no view of the blue
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,6 +61,7 @@ def write_recording(
     summaries: label -> Markdown for the text panel. messages: label -> (time_s, leg, text).
     """
     labels = {label: entity_name(label) for label in runs}
+    _start_arrow()
     with written_whole(Path(path)) as temporary:
         recording = rr.RecordingStream("hexsim", send_properties=True)
         with_text = [labels[label] for label in runs if (summaries or {}).get(label)]
@@ -83,6 +85,17 @@ def write_recording(
             recording.reset_time()
         recording.flush()
         recording.disconnect()
+
+
+def _start_arrow() -> None:
+    """pyarrow imports pandas for its first array, where it is installed, in 0.3 s: let it look here and find none.
+
+    What needs pandas itself (`to_pandas`) looks again.
+    """
+    if "pandas" not in sys.modules:
+        sys.modules["pandas.compat"] = None  # type: ignore[assignment]
+        rr.Scalars.columns(scalars=np.zeros(1))
+        del sys.modules["pandas.compat"]
 
 
 def entity_name(label: str) -> str:

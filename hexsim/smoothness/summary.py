@@ -121,18 +121,28 @@ def summary_axes(
     """
     time = np.asarray(time_s, dtype=float)
     lead = next((motion for motion in axes.values() if motion.driven), None)
-    return {name: _axis_figures(time, name, motion, lead, start_s, bandwidth_Hz) for name, motion in axes.items()}
+    delays = {name: _delay(time, motion, bandwidth_Hz, start_s) for name, motion in axes.items() if motion.driven}
+    of_lead = next(iter(delays.values()), 0.0)
+    return {
+        name: _axis_figures(time, name, motion, lead or motion, delays.get(name, of_lead), start_s, bandwidth_Hz)
+        for name, motion in axes.items()
+    }
 
 
 def _axis_figures(
-    time: Array, name: str, motion: AxisMotion, lead: AxisMotion | None, start_s: float, bandwidth_Hz: float | None
+    time: Array,
+    name: str,
+    motion: AxisMotion,
+    lead: AxisMotion,
+    delay: float,
+    start_s: float,
+    bandwidth_Hz: float | None,
 ) -> dict[str, float | None]:
     unit = "rad_s2" if name in ROTATIONS else "m_s2"
-    reference = motion if motion.driven or lead is None else lead
+    reference = motion if motion.driven else lead
     frequency = reference.frequency_Hz
     acceleration = np.asarray(motion.acceleration, dtype=float)
     command = np.zeros(len(time)) if not motion.driven else np.asarray(motion.commanded_acceleration, dtype=float)
-    delay = _delay(time, reference, bandwidth_Hz, start_s)
     noise = None
     if frequency is not None and whole_periods(time, frequency, start_s)[1] >= 1:
         noise = half_hertz_noise(time, acceleration, frequency, bandwidth_Hz, start_s)
@@ -162,9 +172,7 @@ def _axis_figures(
 
 
 def _delay(time: Array, motion: AxisMotion, bandwidth_Hz: float | None, start_s: float) -> float:
-    """Delay of a driven axis behind its command [s]; 0 for one that is not driven."""
-    if not motion.driven:
-        return 0.0
+    """Delay of a driven axis behind its command [s]."""
     command = np.asarray(motion.commanded_acceleration, dtype=float)
     part = deviation_from_command(time, motion.acceleration, command, bandwidth_Hz=bandwidth_Hz, start_s=start_s)
     return part.delay_s
