@@ -32,6 +32,13 @@ def spring_along(axis, mass=70.0, place=(0.2, -0.1, 0.5), gravity=(0.0, 0.0, -G)
     return rigid.Suspension(mass, omega, 0.05, (x, y, z), place, float(n @ gravity) / omega**2)
 
 
+def of_circles():
+    """A hexapod of some size."""
+    return hexapod_geometry.HexapodKinematics.from_joints(
+        *hexapod_geometry.joints_on_circles(1.6, 6.0, 1.2, 8.0), 1.8, 0.6
+    )
+
+
 def random_motion(seed=0):
     """(a, w', w, gravity) as tuples, of the size of a platform's."""
     rng = np.random.default_rng(seed)
@@ -57,7 +64,7 @@ def test_wrench_is_what_accelerates_every_point():
 
     Central differences of 0.5 ms err by 1e-6 of the third derivatives here.
     """
-    kinematics = hexapod_geometry.HexapodKinematics.from_geometry(1.6, 6.0, 1.2, 8.0, 1.8, 0.6)
+    kinematics = of_circles()
     body, h = body_of_points(), 5e-4
     amplitude, w = np.array([0.05, 0.04, 0.06, 0.1, 0.12, 0.08]), np.array([5.0, 7.0, 6.0, 8.0, 6.5, 9.0])
 
@@ -97,7 +104,7 @@ def test_a_mass_on_a_spring_feels_its_own_path():
     Its travel is a sine of its own; along the slide the spring would have to push as the wrench's share along it says.
     """
     spring, h, t = spring_along((0.3, -0.5, 0.7), gravity=(0.0, 0.0, 0.0)), 1e-4, 0.3
-    kinematics = hexapod_geometry.HexapodKinematics.from_geometry(1.6, 6.0, 1.2, 8.0, 1.8, 0.6)
+    kinematics = of_circles()
     amplitude, w = np.array([0.05, 0.04, 0.06, 0.1, 0.12, 0.08]), np.array([5.0, 7.0, 6.0, 8.0, 6.5, 9.0])
     phase, n = np.arange(6), np.array(spring.axis)
 

@@ -79,20 +79,6 @@ class HexapodKinematics(Mechanics):
     moving_body: ClassVar[str] = "platform"
 
     @classmethod
-    def from_geometry(
-        cls,
-        base_radius_m: float,
-        base_half_angle_deg: float,
-        platform_radius_m: float,
-        platform_half_angle_deg: float,
-        neutral_leg_length_m: float,
-        stroke_m: float,
-    ) -> HexapodKinematics:
-        """`from_joints` of `joints_on_circles`; in the neutral pose all legs are alike and all pistons at half stroke."""
-        joints = joints_on_circles(base_radius_m, base_half_angle_deg, platform_radius_m, platform_half_angle_deg)
-        return cls.from_joints(*joints, neutral_leg_length_m, stroke_m)
-
-    @classmethod
     def from_joints(
         cls,
         base_joints_m: ArrayLike,
@@ -144,11 +130,6 @@ class HexapodKinematics(Mechanics):
                 f"residual {residuals[row]:.2e} m); check that they belong to one pose, or give a closer guess."
             )
         return poses.reshape(*lead, N_LEGS)
-
-    def pose_jacobian(self, pose: ArrayLike) -> Array:
-        """d length / d (x, y, z, roll, pitch, yaw), (..., 6, 6) [1, m]."""
-        jacobian = self.jacobian(pose)
-        return np.concatenate([jacobian[..., :3], jacobian[..., 3:] @ self._rate_matrix(pose)], axis=-1)
 
     def condition_number(self, pose: ArrayLike, characteristic_length_m: float | None = None) -> Array:
         """Ratio of largest to smallest singular value of (J_v, J_omega / L), (...); 1 is isotropic, inf singular.

@@ -74,19 +74,12 @@ def lengths_of_rows(poses, base, platform, height):
 
 
 @compiled
-def rotations_of_rows(poses):
-    rotations = np.empty((poses.shape[0], 3, 3))
+def frames_of_rows(poses):
+    rotations, rates = np.empty((poses.shape[0], 3, 3)), np.empty((poses.shape[0], 3, 3))
     for k in range(poses.shape[0]):
         write_rotation(poses[k], rotations[k])
-    return rotations
-
-
-@compiled
-def rate_matrices_of_rows(poses):
-    rates = np.empty((poses.shape[0], 3, 3))
-    for k in range(poses.shape[0]):
         write_rate_matrix(poses[k], rates[k])
-    return rates
+    return rotations, rates
 
 
 @compiled

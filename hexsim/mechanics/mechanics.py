@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.mechanics.checks import as_rows, check_reach
-from hexsim.mechanics.leg_geometry import all_of_rows, lengths_of_rows, rate_matrices_of_rows, rotations_of_rows
+from hexsim.mechanics.leg_geometry import all_of_rows, frames_of_rows, lengths_of_rows
 
 DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 ROUNDING_m = 1e-12  # of lengths of metres: below it a difference is none
@@ -162,13 +162,13 @@ class Mechanics(ABC):
 
     def rotation(self, pose: ArrayLike) -> Array:
         """R (..., 3, 3): a vector in the platform frame times R is the vector in the world frame."""
-        rows, lead = as_rows(pose, "pose", 6)
-        return rotations_of_rows(rows).reshape(*lead, 3, 3)
+        return self._frames(pose)[0]
 
-    def _rate_matrix(self, pose: ArrayLike) -> Array:
-        """E (..., 3, 3) of omega = E (roll', pitch', yaw'), in the world frame."""
+    def _frames(self, pose: ArrayLike) -> tuple[Array, Array]:
+        """Rotation and rate matrix (..., 3, 3)."""
         rows, lead = as_rows(pose, "pose", 6)
-        return rate_matrices_of_rows(rows).reshape(*lead, 3, 3)
+        rotation, rates = frames_of_rows(rows)
+        return rotation.reshape(*lead, 3, 3), rates.reshape(*lead, 3, 3)
 
     def jacobian(self, pose: ArrayLike) -> Array:
         """J (..., n, 6) of l' = J (v, omega): v of the platform origin, omega, both in the world frame. [1, m]"""
@@ -177,7 +177,7 @@ class Mechanics(ABC):
     def twist(self, pose: ArrayLike, pose_rate: ArrayLike) -> Array:
         """(v, omega) (..., 6) in the world frame [m/s, rad/s] from the rates of the pose coordinates."""
         rate = np.asarray(pose_rate, dtype=np.float64)
-        return np.concatenate([rate[..., :3], _times(self._rate_matrix(pose), rate[..., 3:])], axis=-1)
+        return np.concatenate([rate[..., :3], _times(self._frames(pose)[1], rate[..., 3:])], axis=-1)
 
     def twist_rate(self, pose: ArrayLike, pose_rate: ArrayLike, pose_acceleration: ArrayLike) -> Array:
         """(v', omega') (..., 6) in the world frame [m/s2, rad/s2]: omega' = E q'' + E' q'.
@@ -186,7 +186,7 @@ class Mechanics(ABC):
         """
         rate = np.asarray(pose_rate, dtype=np.float64)
         acceleration = np.asarray(pose_acceleration, dtype=np.float64)
-        rates = self._rate_matrix(pose)
+        rates = self._frames(pose)[1]
         roll_axis, pitch_axis, yaw_axis = rates[..., 0], rates[..., 1], rates[..., 2]
         roll, pitch, yaw = rate[..., 3:4], rate[..., 4:5], rate[..., 5:6]
         turning = roll * np.cross(yaw * yaw_axis + pitch * pitch_axis, roll_axis)

@@ -61,7 +61,10 @@ def write_recording(
     summaries: label -> Markdown for the text panel. messages: label -> (time_s, leg, text).
     """
     labels = {label: entity_name(label) for label in runs}
-    _start_arrow()
+    if "pandas" not in sys.modules:  # pyarrow imports it for its first array, in 0.3 s: let it find none now
+        sys.modules["pandas.compat"] = None  # type: ignore[assignment]
+        rr.Scalars.columns(scalars=[0.0])
+        del sys.modules["pandas.compat"]  # for who asks for pandas itself, as `to_pandas`
     with written_whole(Path(path)) as temporary:
         recording = rr.RecordingStream("hexsim", send_properties=True)
         with_text = [labels[label] for label in runs if (summaries or {}).get(label)]
@@ -85,17 +88,6 @@ def write_recording(
             recording.reset_time()
         recording.flush()
         recording.disconnect()
-
-
-def _start_arrow() -> None:
-    """pyarrow imports pandas for its first array, where it is installed, in 0.3 s: let it look here and find none.
-
-    What needs pandas itself (`to_pandas`) looks again.
-    """
-    if "pandas" not in sys.modules:
-        sys.modules["pandas.compat"] = None  # type: ignore[assignment]
-        rr.Scalars.columns(scalars=np.zeros(1))
-        del sys.modules["pandas.compat"]
 
 
 def entity_name(label: str) -> str:

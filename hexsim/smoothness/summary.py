@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,13 +39,14 @@ class TurnAround:
 class AxisMotion:
     """One axis of a run: acceleration (n,), and its command; None, None for an axis that is not driven.
 
-    frequency_Hz: of the commanded motion if that is a single sine, else None.
+    frequency_Hz: of the commanded motion if that is a single sine, else None. delay_s: of the response, by `summary_axes`.
     """
 
     acceleration: ArrayLike
     commanded_velocity: ArrayLike | None = None
     commanded_acceleration: ArrayLike | None = None
     frequency_Hz: float | None = None
+    delay_s: float = 0.0
 
     @property
     def driven(self) -> bool:
@@ -120,29 +121,20 @@ def summary_axes(
     the reversals of the axis, or of the first driven one; None where there is none.
     """
     time = np.asarray(time_s, dtype=float)
+    axes = {name: replace(motion, delay_s=_delay(time, motion, bandwidth_Hz, start_s)) for name, motion in axes.items()}
     lead = next((motion for motion in axes.values() if motion.driven), None)
-    delays = {name: _delay(time, motion, bandwidth_Hz, start_s) for name, motion in axes.items() if motion.driven}
-    of_lead = next(iter(delays.values()), 0.0)
-    return {
-        name: _axis_figures(time, name, motion, lead or motion, delays.get(name, of_lead), start_s, bandwidth_Hz)
-        for name, motion in axes.items()
-    }
+    return {name: _axis_figures(time, name, motion, lead, start_s, bandwidth_Hz) for name, motion in axes.items()}
 
 
 def _axis_figures(
-    time: Array,
-    name: str,
-    motion: AxisMotion,
-    lead: AxisMotion,
-    delay: float,
-    start_s: float,
-    bandwidth_Hz: float | None,
+    time: Array, name: str, motion: AxisMotion, lead: AxisMotion | None, start_s: float, bandwidth_Hz: float | None
 ) -> dict[str, float | None]:
     unit = "rad_s2" if name in ROTATIONS else "m_s2"
-    reference = motion if motion.driven else lead
+    reference = motion if motion.driven or lead is None else lead
     frequency = reference.frequency_Hz
     acceleration = np.asarray(motion.acceleration, dtype=float)
     command = np.zeros(len(time)) if not motion.driven else np.asarray(motion.commanded_acceleration, dtype=float)
+    delay = reference.delay_s
     noise = None
     if frequency is not None and whole_periods(time, frequency, start_s)[1] >= 1:
         noise = half_hertz_noise(time, acceleration, frequency, bandwidth_Hz, start_s)
@@ -172,7 +164,9 @@ def _axis_figures(
 
 
 def _delay(time: Array, motion: AxisMotion, bandwidth_Hz: float | None, start_s: float) -> float:
-    """Delay of a driven axis behind its command [s]."""
+    """Delay of a driven axis behind its command [s]; 0 for one that is not driven."""
+    if not motion.driven:
+        return 0.0
     command = np.asarray(motion.commanded_acceleration, dtype=float)
     part = deviation_from_command(time, motion.acceleration, command, bandwidth_Hz=bandwidth_Hz, start_s=start_s)
     return part.delay_s
