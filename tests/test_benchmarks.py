@@ -1,6 +1,7 @@
 """The benchmarks' own functions run, and what they compare is comparable. Speeds are measured by hand, not here."""
 
 import importlib
+import json
 import time
 from pathlib import Path
 
@@ -27,6 +28,13 @@ def peer(benchmark):
     """The comparison with Exudyn."""
     pytest.importorskip("exudyn", reason="exudyn is not installed: pip install hexsim[benchmark] to compare with it")
     return benchmark("peer_exudyn")
+
+
+def test_the_speed_page_is_its_results(benchmark):
+    """The tables of docs/results/speed.md are those that the command writes of speed.json."""
+    speed = benchmark("command_speed")
+    page, kept = speed.PAGE.read_text(encoding="utf-8"), json.loads(speed.RESULT.read_text(encoding="utf-8"))
+    assert speed.page(page, kept) == page
 
 
 def test_speed_takes_the_least_time_of_each_in_turn(benchmark):
