@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+import hexsim as hx
 from compensation.adaptive.leg import orifice
 from hexsim import HexsimError, load_scenario
 from hexsim.declaration.oil_grades import kinematic_viscosity
@@ -14,6 +15,7 @@ from hexsim.hydraulics.resolve import resolve, warm_oil
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.simulation import simulate
+from hexsim.smoothness import reversal_bumps
 
 BENCH, SERVO = load_machine("bench"), load_machine("servo_bench")
 PS, OVERLAP, GRADIENT, DISCHARGE, DENSITY = 7e6, 5e-6, math.pi * 1e-2, 0.611, 860.0
@@ -122,6 +124,22 @@ def test_temperature_moves_the_raw_bump(runs, reynolds, ratio):
     of 5 us, rest 2 % for another start and window); turbulent edges know no temperature."""
     warm, cold = raw_bump(runs[reynolds, 60.0]), raw_bump(runs[reynolds, 20.0])
     assert warm / cold == pytest.approx(ratio, rel=0.025)
+
+
+def test_the_ride_warms_its_oil_and_its_bump_grows():
+    """Scenario `warm_up`: 15 to 60 degC within 2 K, never cooler; its edges' bump in 50 Hz is larger in the last tenth than in the
+    first, and larger than density and friction make it (turbulent edges)."""
+    grown = {}
+    for reynolds in (SLOT, 0.0):
+        log = hx.run("warm_up", "bench", "none", {"valve.laminar_reynolds": reynolds}).log
+        heat = log["oil_temperature_degC"].to_numpy()
+        assert abs(heat[0] - 15.0) < 0.1 and abs(heat[-1] - 60.0) < 2.0 and np.diff(heat).min() >= 0.0
+        names = ("time_s", "true_acceleration_m_s2", "commanded_velocity_m_s", "commanded_acceleration_m_s2")
+        bumps = reversal_bumps(*(log[name].to_numpy() for name in names), start_s=6.0)
+        sizes = np.array([bump.bump_pp for bump in bumps])
+        tenth = len(sizes) // 10
+        grown[reynolds] = sizes[-tenth:].mean() / sizes[:tenth].mean()
+    assert grown[SLOT] > grown[0.0] > 1.0
 
 
 def test_oil_is_neither_made_nor_lost(runs):
