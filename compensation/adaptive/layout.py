@@ -88,6 +88,7 @@ EXPECTED = record(
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
 )  # fmt: skip
+PROBE = record(plain_V=f, wanted_V=f, side=f)  # behind the backlash: plain control's volts, with the probe's, where they go
 DAMPING = record(
     tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design
     taps=(f, (MAX_DAMPING_TAPS,)), deviation_Pa=(f, (MAX_DAMPING_TAPS,)), expected_Pa=(f, (MOST_DELAY + 1,)), gain=f, lag_s=f, wanted=i,
@@ -98,6 +99,6 @@ STATE = record(
     heard=(i, (MOST_LEGS,)), alone=(f, (MOST_LEGS, N_NUMBERS)), alone_variance=(f, (MOST_LEGS, N_NUMBERS)), mean_N=(f, (MOST_LEGS,)),
     past=PAST, windows=(WINDOW_DATA, (WINDOWS + 1 + WAITING,)), older=(KEPT_WINDOW, (KEPT,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP, damping=DAMPING,
-    asked_V=f, share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i,
+    probe=PROBE, asked_V=f, share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i,
     said_bump2=(f, (MOST_LEGS,)), said_doubt2=(f, (MOST_LEGS,)),
 )  # fmt: skip

@@ -147,7 +147,7 @@ def fill_prior(fit, settings, hold_N):
     one(fit, LN_STRIBECK, log(settings.stribeck_velocity_m_s), 0.8, log(5e-4), log(0.08))
     one(fit, LN_REG, log(2.5e-4), 1.0, log(2e-5), log(5e-2))
     bristle = 3.5e7 * force / 8800.0
-    one(fit, LN_BRISTLE, log(bristle), 1.5, log(0.015 * bristle), log(10.0 * bristle))
+    one(fit, LN_BRISTLE, log(bristle), 1.5, log(0.015 * bristle), log(1000.0 * bristle))
     one(fit, PRESSURE_LAG, 4e-4, 1e-3, 0.0, 0.01)
     one(fit, POSITION_LAG, 2e-4, 7e-4, 0.0, 0.01)
     for k in range(N_NUMBERS):

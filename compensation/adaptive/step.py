@@ -360,6 +360,24 @@ def _probe(s):
 
 
 @compiled
+def _probe_through_backlash(s, control_V, volts):
+    """What to add to plain control so that the valve moves by `volts` more: a backlash swallows what is smaller than itself. Of its half
+    width only what is certain is made up for, two standard deviations less: too much would be felt."""
+    probe, row = s.probe, s.expected.row
+    row[:] = 0.0
+    row[PLAY] = 1.0
+    half = max(s.numbers[PLAY] - 2.0 * sqrt(_variance(s, row)), 0.0)
+    probe.plain_V = min(max(probe.plain_V, control_V - half), control_V + half)
+    wanted = probe.plain_V + volts
+    if wanted > probe.wanted_V:
+        probe.side = 1.0
+    elif wanted < probe.wanted_V:
+        probe.side = -1.0
+    probe.wanted_V = wanted
+    return wanted + probe.side * half - control_V if volts != 0.0 else 0.0
+
+
+@compiled
 def tick_of(
     s,
     table,
@@ -415,7 +433,9 @@ def tick_of(
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
         wants = bump2 / (bump2 + doubt2) > (STAY_SHARE if s.share > 0.0 else LEAST_SHARE)
-    probe = _probe(s) if s.share == 0.0 and e.halves > 0 and knows and not wants else 0.0
+    probe = 0.0
+    if s.share == 0.0 and e.halves > 0 and knows and not wants:
+        probe = _probe_through_backlash(s, control_V, _probe(s))
     wanted = 1.0 if wants else 0.0
     if s.platform:
         s.wants = 1 if wants else 0
