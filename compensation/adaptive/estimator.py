@@ -218,7 +218,7 @@ def _begin_fold(s):
     """A pass over one of the windows that are about to go, at the settled numbers, for what it says of them. Returns whether there is
     one: not while the fit is in search, nor of a leg that is not the model's."""
     fit = s.fit
-    if not fit.settled or not fit.has_best or not is_known_leg(fit.chi2):
+    if not fit.settled or not fit.has_best or not (fit.was_known or is_known_leg(fit.chi2)):
         return False
     while fit.to_fold < fit.waiting:
         place = fit.seen + fit.to_fold
@@ -236,7 +236,7 @@ def _begin_look(s):
     """A pass over an older window at the settled numbers: what it said was in the linearisation at those of that time. In turn, as
     many between two fits as a pass sees. Returns whether there is one."""
     fit, window = s.fit, s.windows[OLDER]
-    if not fit.settled or not fit.has_best or not is_known_leg(fit.chi2) or fit.looked >= min(WINDOWS, fit.kept):
+    if not fit.settled or not fit.has_best or fit.looked >= min(WINDOWS, fit.kept):
         return False
     fit.looked += 1
     fit.again = (fit.again + 1) % min(fit.kept, KEPT)
@@ -689,8 +689,6 @@ def _settle(s):
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
-    if not is_known_leg(fit.chi2):
-        _forget_folded(fit)
     fit.settled = 1
     if fit.trying:
         _end_try(s)
@@ -701,6 +699,7 @@ def _settle(s):
         fit.was_known = 1
         return
     if fit.was_known and s.known.changed:  # what it was before is another leg's
+        _forget_folded(fit)
         fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = fit.stage = 0
         return
     if fit.seen > fit.tries_seen + WINDOWS:

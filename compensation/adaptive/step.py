@@ -427,7 +427,7 @@ def tick_of(
     _doubt(s, s.past.ticks % HALVES)
     knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
-    if e.halves > 0 and knows:
+    if e.halves >= (1 if s.share > 0.0 else 2) and knows:
         bump2, doubt2 = e.bump2, e.sigma2 + e.left2 + PERCEIVED_m_s2**2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
