@@ -34,8 +34,10 @@ from .fit import (
 )  # fmt: skip
 from .layout import HISTORY, KEPT, OLDER, WAITING, WINDOWS
 from .leg import (
+    AMP_LAG,
     COULOMB_DN,
     COULOMB_UP,
+    DELAY,
     HOLD,
     LN_BRISTLE,
     LN_REG,
@@ -52,6 +54,7 @@ from .leg import (
     ZETA,
     V,
     Z,
+    valve_lag_s,
 )  # fmt: skip
 from .prior import LEGS_ALIKE, add_prior, fill_prior
 
@@ -62,11 +65,13 @@ FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
 KNOWN_LEG = 4.0  # misfit from which the leg is not one that the model knows: residuals twice the noise. Below, doubt grows with it
 CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the noise throughout
+TRIED_MISFIT = 2.0  # misfit of all windows but one from which other minima are tried: as much beside the noise as noise
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
 NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside the noise as noise
-# Other minima of a leg that the model does not know, in turn, about what was found: bristle, spool, damping, backlash, in the prior's
-# standard deviations
-ELSEWHERE = ((1.5, 0.0, 0.0, 0.0), (0.0, 1.5, -1.0, 0.0), (0.0, -0.7, 1.0, 0.0), (0.0, 0.0, 0.0, 1.5))
+# Other minima that are tried about what was found, in turn: a stiffer bristle; a spool that has all of the valve's lag, which is known
+# better than its parts; a faster one; a wider backlash: by ELSEWHERE of the prior's standard deviations
+BRISTLE, ALL_SPOOL, FAST_SPOOL, WIDE = range(4)
+TRIES, ELSEWHERE, SHORTEST_LAG_s = 4, 1.5, 1e-4
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
 WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
 HALF_SPAN = 8  # ticks on either side of a speed
@@ -534,8 +539,8 @@ def _misfit(fit, four_way, chi2):
 
 
 @compiled
-def _has_changed(fit, four_way, chi2):
-    """Whether a leg that was known is another one now: it shows in every window since, so that the worst one alone says nothing.
+def _misfit_throughout(fit, four_way, chi2):
+    """The larger misfit of position and pressures without its worst window: what another leg or another minimum shows in all of them.
     chi2 (2,): as `_misfit`."""
     largest = 0.0
     for channel in range(2):
@@ -546,7 +551,7 @@ def _has_changed(fit, four_way, chi2):
         largest = max(
             largest, (fit.count * chi2[channel] - worst) / (fit.count - 1) if fit.count > 1 else chi2[channel]
         )
-    return largest > CHANGED_LEG
+    return largest
 
 
 @compiled
@@ -645,25 +650,41 @@ def _begin_again(s, numbers):
 
 
 @compiled
+def _elsewhere(fit, which):
+    """Numbers near another minimum into fit.proposed: the valve's lag stays."""
+    n = fit.proposed
+    n[:] = fit.best.numbers
+    late_s = valve_lag_s(n)
+    if which == BRISTLE:
+        n[LN_BRISTLE] += ELSEWHERE * fit.sd[LN_BRISTLE]
+    elif which == WIDE:
+        n[PLAY] += ELSEWHERE * fit.sd[PLAY]
+    elif which == FAST_SPOOL:
+        n[LN_SPOOL] += ELSEWHERE * fit.sd[LN_SPOOL]
+        n[DELAY] += late_s - valve_lag_s(n)
+    else:
+        n[AMP_LAG] = n[DELAY] = 0.0
+        n[ZETA] = fit.mean[ZETA]
+        n[LN_SPOOL] += log(valve_lag_s(n) / max(late_s, SHORTEST_LAG_s))
+    for k in (LN_BRISTLE, LN_SPOOL, DELAY, PLAY):
+        n[k] = min(max(n[k], fit.low[k]), fit.high[k])
+
+
+@compiled
 def _begin_try(s):
     """The fit begins near another minimum, beside what was found, with the noise large again. What older windows said is set aside: it
     was said in the linearisation at this minimum."""
     fit = s.fit
     fit.before[:] = fit.best.numbers
     fit.chi2_before[:] = fit.chi2
+    fit.throughout_before = fit.throughout
     fit.aside_H[:, :] = fit.folded_H
     fit.aside_g[:] = fit.folded_g
     fit.aside_cost, fit.aside_kept = fit.folded_cost, fit.kept
     _forget_folded(fit)
-    fit.proposed[:] = fit.best.numbers
-    fit.proposed[LN_BRISTLE] += ELSEWHERE[fit.tries][0] * fit.sd[LN_BRISTLE]
-    fit.proposed[LN_SPOOL] += ELSEWHERE[fit.tries][1] * fit.sd[LN_SPOOL]
-    fit.proposed[ZETA] += ELSEWHERE[fit.tries][2] * fit.sd[ZETA]
-    fit.proposed[PLAY] += ELSEWHERE[fit.tries][3] * fit.sd[PLAY]
-    for k in (LN_BRISTLE, LN_SPOOL, ZETA, PLAY):
-        fit.proposed[k] = min(max(fit.proposed[k], fit.low[k]), fit.high[k])
+    _elsewhere(fit, (fit.tries + (0 if s.share == 0.0 else 1)) % TRIES)  # compensated reversals show the spool
     _begin_again(s, fit.proposed)
-    fit.trying, fit.stage = 1, 0
+    fit.trying, fit.stage = 1, 1
     fit.tries += 1
 
 
@@ -672,7 +693,7 @@ def _end_try(s):
     """The lower misfit stays."""
     fit = s.fit
     fit.trying = 0
-    if fit.chi2[0] + fit.chi2[1] < 2.0 + BETTER * (fit.chi2_before[0] + fit.chi2_before[1] - 2.0):
+    if fit.throughout < 1.0 + BETTER * (fit.throughout_before - 1.0):
         _keep_known(s)
         return
     _begin_again(s, fit.before)
@@ -684,29 +705,29 @@ def _end_try(s):
 
 @compiled
 def _settle(s):
-    """The last stage is over. Where it has gained little and the leg is not one that the model knows, the fit may sit in a local
-    minimum: while no volts are in, it is tried again from beside it, and the lower misfit stays."""
+    """The last stage is over. Where it has gained little and much is left in all windows but one, the fit may sit in a local minimum:
+    it is tried again from beside it, and the lower misfit stays."""
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
+    fit.throughout = _misfit_throughout(fit, four_way, fit.chi2)
     fit.settled = 1
     if fit.trying:
         _end_try(s)
         return  # to the windows that came meanwhile, before another try
     _keep_known(s)
-    s.known.changed = 1 if _has_changed(fit, four_way, fit.chi2) else 0
+    s.known.changed = 1 if fit.throughout > CHANGED_LEG else 0
     if is_known_leg(fit.chi2):
         fit.was_known = 1
-        return
-    if fit.was_known and s.known.changed:  # what it was before is another leg's
+    elif fit.was_known and s.known.changed:  # what it was before is another leg's
         _forget_folded(fit)
         fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = fit.stage = 0
         return
-    if fit.seen > fit.tries_seen + WINDOWS:
+    if fit.seen > fit.tries_seen + WINDOWS and BETTER * (fit.throughout - 1.0) > fit.tried - 1.0:
         fit.tries, fit.tries_seen = 0, fit.seen
     stays = fit.best.cost > BETTER * fit.first_cost
-    if stays and s.share == 0.0 and fit.count == WINDOWS and fit.tries < len(ELSEWHERE):
-        fit.settled = 0
+    if fit.throughout > TRIED_MISFIT and stays and fit.count == WINDOWS and fit.tries < TRIES:
+        fit.settled, fit.tried = 0, fit.throughout
         _begin_try(s)
 
 

@@ -62,7 +62,7 @@ FIT = record(
     was_known=i, held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
     folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f,
     aside_H=(f, (N_NUMBERS, N_NUMBERS)), aside_g=(f, (N_NUMBERS,)), aside_cost=f, folded_until=i, folding=i, to_fold=i,
-    first_cost=f, kept=i, again=i, looked=i, aside_kept=i,
+    first_cost=f, tried=f, throughout=f, throughout_before=f, kept=i, again=i, looked=i, aside_kept=i,
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
     numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i, changed=i,
@@ -88,7 +88,8 @@ EXPECTED = record(
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
 )  # fmt: skip
-PROBE = record(plain_V=f, wanted_V=f, side=f)  # behind the backlash: plain control's volts, with the probe's, where they go
+# level: share of the probe; plain control's volts behind the backlash, and where the probe wants them; side of the last movement
+PROBE = record(level=f, plain_V=f, wanted_V=f, side=f)
 DAMPING = record(
     tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design
     taps=(f, (MAX_DAMPING_TAPS,)), deviation_Pa=(f, (MAX_DAMPING_TAPS,)), expected_Pa=(f, (MOST_DELAY + 1,)), gain=f, lag_s=f, wanted=i,

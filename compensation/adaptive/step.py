@@ -33,6 +33,7 @@ from .leg import (
     DELAY,
     HOLD,
     LN_BRISTLE,
+    LN_ROUND,
     LN_SPOOL,
     M1,
     M2,
@@ -62,13 +63,14 @@ from .prior import fill_sheet
 from .reference import USUAL_m_s, gains, loop_speed, next_lag, plan_motion, plan_setpoints, watch_lateness
 
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
-RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
+RAMP_S = 0.15  # in which the volts and the probe come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
 # in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
 LEAVE_S = 1.5
-# of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
-LEAST_SHARE = 0.8
-STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
+# of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: 1.4 standard deviations of a doubt that is linear in the numbers; over 32
+# points of the numbers' covariance it is half as large, since a reversal that comes at another time is no larger one
+LEAST_SHARE = 0.65
+STAY_SHARE = 0.4  # and below which it leaves: more than what plain control makes is expected
 # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
 PERCEIVED_m_s2 = 0.015
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
@@ -345,18 +347,22 @@ def _probe(s):
     e, tick_s = s.expected, s.settings.tick_s
     up, down = gains(s)
     v, gain = s.reference.velocity_m_s[0], 0.5 * (up + down)
-    slow = gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN])
+    slow = gain * max(
+        0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN]), exp(s.numbers[LN_ROUND])
+    )  # an underlapped valve is never closed
     if abs(v) < slow:
         return 0.0
-    corner_rad_s, total = _fastest_rad_s(s), 0.0
+    corner_rad_s, total, peak = _fastest_rad_s(s), 0.0, 0.0
     for k in range(len(PROBE_HZ)):
         w = 2.0 * pi * PROBE_HZ[k]
-        passed = max(_passed(s.known.numbers, w, corner_rad_s), LEAST_PASSED)
-        total += PROBE[k] * sin(w * s.past.ticks * tick_s) / (w * passed)
+        share = PROBE[k] / (w * max(_passed(s.known.numbers, w, corner_rad_s), LEAST_PASSED))
+        peak += share
+        total += share * sin(w * s.past.ticks * tick_s)
     opened = min(abs(v) / slow - 1.0, 1.0)  # tones fade: what begins at once the spool answers in the felt band
-    most = 2.0 * COARSEST * s.settings.voltage_max_V
-    volts = sqrt(e.bump2) / gain * opened * opened * (3.0 - 2.0 * opened) * total
-    return min(max(volts, -most), most)
+    amplitude = min(
+        sqrt(e.bump2) / gain, 2.0 * COARSEST * s.settings.voltage_max_V / peak
+    )  # cut off they would beat at 50 Hz
+    return amplitude * opened * opened * (3.0 - 2.0 * opened) * total
 
 
 @compiled
@@ -433,15 +439,15 @@ def tick_of(
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
         wants = bump2 / (bump2 + doubt2) > (STAY_SHARE if s.share > 0.0 else LEAST_SHARE)
-    probe = 0.0
-    if s.share == 0.0 and e.halves > 0 and knows and not wants:
-        probe = _probe_through_backlash(s, control_V, _probe(s))
+    step = settings.tick_s / RAMP_S
+    doubted = s.share == 0.0 and e.halves > 0 and knows and not wants
+    s.probe.level = min(max(s.probe.level + (step if doubted else -step), 0.0), 1.0)
+    probe = _probe_through_backlash(s, control_V, s.probe.level * _probe(s)) if s.probe.level > 0.0 else 0.0
     wanted = 1.0 if wants else 0.0
     if s.platform:
         s.wants = 1 if wants else 0
         s.objected = max(s.objected - 1, 0) if wants else QUIET_TICKS
         wanted = 1.0 if s.objected == 0 else 0.0
-    step = settings.tick_s / RAMP_S
     s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
     step = settings.tick_s / (LINEAR_S if wanted > 0.0 else LEAVE_S)
     s.linear_step = min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
