@@ -46,6 +46,7 @@ from .leg import (
     S_A1,
     S_A2,
     S_FOUR_WAY,
+    S_OWN,
     S_STROKE,
     SPRING,
     VISCOUS_DN,
@@ -315,6 +316,14 @@ def _doubt(s, k):
 
 
 @compiled
+def _lacking2(s):
+    """What the model lacks, as acceleration squared: the pressure's residual beyond its noise."""
+    beyond = max(s.known.chi2[1] - 1.0, 0.0)
+    per_Pa = s.sheet[S_A1] / (s.numbers[MASS] * s.sheet[S_OWN])
+    return beyond * (s.fit.noise[1] * per_Pa) ** 2
+
+
+@compiled
 def _through_backlash(inv, volts, half):
     """Volts whose play of half width `half` gives `volts`: on the side to which they move."""
     if volts > inv.played:
@@ -434,7 +443,7 @@ def tick_of(
     knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
     if e.halves >= (1 if s.share > 0.0 else 2) and knows:
-        bump2, doubt2 = e.bump2, e.sigma2 + e.left2 + PERCEIVED_m_s2**2 * max(settings.legs, 1)
+        bump2, doubt2 = e.bump2, e.sigma2 + e.left2 + _lacking2(s) + PERCEIVED_m_s2**2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
@@ -469,6 +478,6 @@ def hear_leg(s, other):
     """Legs of a platform engage together: one that is not known, or where all do not gain, keeps the others out."""
     hear_windows(s, other)
     e = other.expected
-    s.said_bump2[other.settings.leg], s.said_doubt2[other.settings.leg] = e.bump2, e.sigma2 + e.left2
+    s.said_bump2[other.settings.leg], s.said_doubt2[other.settings.leg] = e.bump2, e.sigma2 + e.left2 + _lacking2(other)
     if other.wants == 0:
         s.objected = QUIET_TICKS
