@@ -414,8 +414,8 @@ def test_legs_that_move_apart_engage_too() -> None:
 
 
 def test_the_probe_of_an_underlapped_valve_is_not_felt() -> None:
-    """A drawn leg with edges that are never closed, rounded by 3 um and behind a hysteresis of 24 mV: while the probe is on, and later, no
-    bump is larger than plain control's by 0.1 m/s2 (its own at a reversal are 0.2 to 0.7)."""
+    """A drawn leg with edges that are never closed, rounded by 3 um and behind a hysteresis of 24 mV: while the probe is on, and later,
+    no bump is larger than plain control's by 0.1 m/s2 (its own at a reversal are 0.2 to 0.7)."""
     drawn, motion = draw_leg(2100, family="wide", declared="nothing"), motion_of("sine", 2100)
     plain = run_plain(drawn, motion)
     found = figures(run_leg(compensation.create("adaptive"), drawn, motion), plain, plain)
