@@ -73,7 +73,7 @@ def draw_functions(records: dict[str, Record], folder: Path) -> None:
     axes.plot(u, [function_1(x, q / 4, np.pi / q, 0.0) for x in u], "--", label="function 1, Eq. 5.2")
     axes.plot(u, [function_2(x, q / 4, 1 / q, 0.0) for x in u], "--", label="function 2, Eq. 5.3")
     for name in ("buffered (5.5)", "buffered, corrected"):
-        a, learned_q, r = records[name].state.curves[0].target
+        a, learned_q, r = records[name].known["curves"][0]
         axes.plot(u, [function_2(x, a, 1 / learned_q, r / learned_q) for x in u], lw=1, label=f"learned: {name}")
     axes.set(xlabel="control voltage [V]", ylabel="compensation [V]", title="Compensation functions, q = 1 V")
     axes.legend(fontsize=8)

@@ -71,7 +71,7 @@ LEAVE_S = 1.5
 # of bump^2 in bump^2 + doubt^2 + left^2 + lacking^2, from which it engages: above 1/2 a smaller bump is expected. On 20 drawn legs 0.5,
 # 0.65 and 0.8 made the same one reversal of 674 worse; a valve of the quadratic law allows no less
 LEAST_SHARE = 0.65
-STAY_SHARE = 0.4  # and below which it leaves: more than what plain control makes is expected
+STAY_SHARE = 0.5  # and below which it leaves: a larger bump than plain control's is expected
 # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
 PERCEIVED_m_s2 = 0.015
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
@@ -442,7 +442,8 @@ def tick_of(
     _doubt(s, s.past.ticks % HALVES)
     knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
-    if e.halves >= (1 if s.share > 0.0 else 2) and knows:
+    seen = 2 if s.share == 0.0 and not s.fit.restored else 1  # half strokes: one each way, where no earlier run tells
+    if e.halves >= seen and knows:
         bump2, doubt2 = e.bump2, e.sigma2 + e.left2 + _lacking2(s) + PERCEIVED_m_s2**2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
