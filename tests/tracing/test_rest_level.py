@@ -187,6 +187,21 @@ def test_a_row_whose_rest_is_new_five_times_as_often_counts_five_times():
     assert plain.slow_alone() is plain
 
 
+def test_a_number_that_every_block_shifts_alike_is_known_no_better_than_what_is_left_allows():
+    """A rest of size 2 in 100 correlation times knows a column of size 1 to 0.2, though the scores of all blocks of 2 s are 0."""
+    time = np.arange(2000) * 1e-2
+    log = Log(name="fit", kind="bench", time=time, rate=100.0, position=np.zeros((1, 2000)))
+    row = balance_problem.BalanceRows(balance=balances.balance_named("continuity", BENCH), sigma=np.ones(1), rows=(0,))
+    wave, across = (np.sqrt(2.0) * own(np.pi * time)[None] for own in (np.sin, np.cos))
+    fit = least_squares.Fit(
+        machine=BENCH, priors=(), deviations=np.zeros(0), candidates=(named("spring"),), values=({"stiffness_N_m": 0.0},),
+        chi2=0.0, n=2000, misfit=[2.0 * wave],
+    )  # fmt: skip
+    found = rest_level.RestFit(fit=fit, columns=[across[None]], cost=0.0)
+    problem = balance_problem.BalanceProblem(logs=(log,), parts=(row,))
+    assert np.sqrt(rest_level.covariance_of(found, problem)[0, 0]) == pytest.approx(0.2, rel=1e-3)
+
+
 def test_an_effect_in_one_leg_is_told_with_what_all_legs_share_of_it():
     """1.3e-12 beside 0.2e-12 in all legs is a leak of 1.5e-12 in that leg; bandwidths of spools do not add up."""
     machine = load_machine("micro_motion_system")

@@ -100,7 +100,7 @@ def open_rest(
     kept = [k for k, own in enumerate(columns) if all(np.isfinite(c).all() and np.any(c) for c in own)]
     known = tuple(rest_level.weighted_system(one.fit, one.columns, problem)[0] for one in found)
     fit, labels = (
-        replace(best.fit, covariance=rest_level.sandwich(best, problem)),
+        replace(best.fit, covariance=rest_level.covariance_of(best, problem)),
         labels_of(found, named),
     )
     return OpenRest(
@@ -262,7 +262,7 @@ def with_the_rest(asked: OpenRest, seen: BalanceProblem, seed: int = 0) -> Balan
 
 
 def rehearsed(asked: OpenRest, log: Log) -> Promise:
-    """The motion as the trace will judge it: every hypothesis refitted to the old logs and to it, tie rule, sandwich."""
+    """The motion as the trace will judge it: every hypothesis refitted to the old logs and to it, tie rule, errors."""
     seen = as_measured(asked.best.fit, asked.problem, asked.simulated, log)
     if seen is None:
         return no_promise(asked)
@@ -277,7 +277,7 @@ def rehearsed(asked: OpenRest, log: Log) -> Promise:
         (asked.labels[0], label): apart(best, other, asked, whole)
         for label, other in zip(asked.labels[1:], others, strict=True)
     }
-    fit = replace(best.fit, covariance=rest_level.sandwich(best, whole))
+    fit = replace(best.fit, covariance=rest_level.covariance_of(best, whole))
     numbers = replace(asked.first, fit=fit).numbers
     return Promise(
         separations=separations, errors=tuple(n.standard_error for n in numbers), information=0.0, needed=SEPARATED,

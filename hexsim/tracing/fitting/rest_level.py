@@ -18,6 +18,7 @@ from scipy.optimize import lsq_linear
 
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import lag_coordinates
+from hexsim.tracing.fitting.covariance import scattered
 from hexsim.tracing.fitting.fit import (
     KEPT,
     Fit,
@@ -204,15 +205,17 @@ def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tupl
     return A, b
 
 
-def sandwich(found: RestFit, problem: FitProblem) -> Array:
-    """Covariance A^-1 (S + P) A^-1 of all coordinates, S from blocks longer than the rest's correlation, P of the priors: a
-    nuisance effect is known to its ordinary size."""
+def covariance_of(found: RestFit, problem: FitProblem) -> Array:
+    """Covariance of all coordinates (`covariance.scattered`), its blocks longer than the rest's correlation; a nuisance effect is
+    known to its ordinary size.
+
+    What shifts a number may do so alike in every block: then the blocks agree, and J's curvature alone says how far.
+    """
     fit, roots = found.fit, np.sqrt(row_weights(found.fit, problem))
     weighted = [roots[:, None] * r for r in fit.misfit]
     columns = [[roots[None, :, None] * X] for X in found.columns]
     scores = scores_of(columns, weighted, problem, rules.REST_BLOCK_S)
-    inverse = np.linalg.pinv(weighted_system(fit, found.columns, problem)[0], rcond=1e-12, hermitian=True)
-    return inverse @ (scores.T @ scores + np.diag(prior_precision(fit))) @ inverse
+    return scattered(weighted_system(fit, found.columns, problem)[0], prior_precision(fit), scores)
 
 
 def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:

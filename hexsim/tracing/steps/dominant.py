@@ -276,7 +276,7 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     trace = replace(trace, hidden=found.hidden, rest=rest, rest_problem=found.problem)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
-    fit = replace(found.best.fit, covariance=rest_level.sandwich(found.best, found.problem))
+    fit = replace(found.best.fit, covariance=rest_level.covariance_of(found.best, found.problem))
     final = replace(start_fit_at(fit, trace.fit_problem), covariance=fit.covariance)
     final, named, said = named_by_simulation(final, found.named, trace, tell)
     trace = replace(trace, refused=(*trace.refused, *said))
