@@ -193,7 +193,8 @@ def refine(
     fresh: bool = False,
     worth: Callable[[Fit, float], bool] | None = None,
 ) -> Fit:
-    """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance` (or that share of the excess).
+    """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance`, or by less than the share
+    `relative` of the excess; a step that promises less is not tried.
 
     fresh: make the columns of the declared parameters anew where they have become poor, and before the last step.
     worth: is a fit worth a step that promises so much, as the last one kept its promise?
@@ -207,12 +208,13 @@ def refine(
         A, b, scores = _system(fit, _all_columns(fit, problem), problem)
         better, kept = None, 0.0
         first = fall_of(A, b, _step(fit, A, b, damping)[1])
+        least = max(tolerance, relative * (fit.chi2 - fit.n))
         if worth is not None and not worth(fit, trust * first):
             break
         for _ in range(6):
             coordinates, step = _step(fit, A, b, damping)
             promise = fall_of(A, b, step)
-            if promise < 0.2 * tolerance:
+            if promise < max(0.2 * tolerance, relative * (fit.chi2 - fit.n)):
                 break
             trial = _evaluate(fit, coordinates, problem)
             if _cost(trial) < _cost(fit):
@@ -223,7 +225,7 @@ def refine(
         stale = fresh and age > 0
         gain = 0.0 if better is None else _cost(fit) - _cost(better)
         fit, trust = better or fit, min(gain / max(first, 1e-300), 1.0)
-        if gain < max(tolerance, relative * (fit.chi2 - fit.n)) and not stale:
+        if gain < least and not stale:
             break
         age += 1
         if fresh and (not KEPT < kept < 2.0 - KEPT):

@@ -91,13 +91,15 @@ def cut(fit: Fit, whole: FitProblem, part: FitProblem) -> Fit:
     return replace(fit, misfit=misfit, columns=columns, chi2=chi2, n=sum(m.size for m in misfit))
 
 
-def try_candidate(fit: Fit, candidate: Candidate, size: float, problem: FitProblem, steps: int) -> Fit | None:
+def try_candidate(
+    fit: Fit, candidate: Candidate, size: float, problem: FitProblem, steps: int, relative: float = 0.0
+) -> Fit | None:
     """The fit with the candidate added at about this size and refined; None when no size of it simulates."""
     size = float(np.clip(size, -rules.LARGEST_START, rules.LARGEST_START)) or 0.1
     for shrink in (1.0, 0.3, 0.1, 0.03):
         grown = with_effects(fit, [candidate], size * shrink, problem)
         if np.isfinite(grown.chi2):
-            return refine(grown, problem, steps=steps)
+            return refine(grown, problem, steps=steps, relative=relative)
     return None
 
 
@@ -105,8 +107,10 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
     """Screen about the fit and refit the best rivals. An effect comes once.
 
     About a hypothesis that holds the next effect's column shows most of what it does: where no column promises half of
-    the least gain (a share of the excess chi2) nothing is refitted.
+    the least gain (a share of the excess chi2) nothing is refitted. Rivals are told apart by a share of a gain
+    (`rules.NEAR_SHARE`): no step of a refit that takes less than that of the least gain is made.
     """
+    enough = rules.NEAR_SHARE * least_gain
     there = {candidate.label for candidate in fit.candidates}
     candidates = [candidate for candidate in candidates if candidate.label not in there]
     if fit.columns is None:
@@ -121,7 +125,9 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
     tick("refitting rivals")
 
     def tried_with(some: list[Screened]) -> list[Fit]:
-        found = in_parallel(lambda line: try_candidate(short, line.candidate, line.size, head, rules.FEW_STEPS), some)
+        found = in_parallel(
+            lambda line: try_candidate(short, line.candidate, line.size, head, rules.FEW_STEPS, enough), some
+        )
         return [rival for rival in found if rival is not None]
 
     quick = tried_with(listed)
@@ -130,12 +136,14 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
         quick += tried_with([line for line in bending(lines, listed) if may_reach(line, fit, rules.NEAR * left)])
     quick.sort(key=lambda rival: rival.chi2)
     near = [rival for rival in quick[: rules.FEW] if rival.chi2 <= rules.NEAR * quick[0].chi2]
-    tried = in_parallel(lambda rival: refine(parameter_columns(rival, head), head, fresh=True), near)
+    tried = in_parallel(lambda rival: refine(parameter_columns(rival, head), head, fresh=True, relative=enough), near)
     tried.sort(key=lambda rival: rival.chi2)
     if head is problem:
         return Stage(lines=lines, rivals=ranked(tried, head))
     finalists = [rival for rival in tried if rival.chi2 <= rules.NEAR * tried[0].chi2]
-    rivals = in_parallel(lambda rival: refine(start_fit_at(rival, problem), problem, fresh=True), finalists)
+    rivals = in_parallel(
+        lambda rival: refine(start_fit_at(rival, problem), problem, fresh=True, relative=enough), finalists
+    )
     return Stage(lines=lines, rivals=ranked(rivals, problem))
 
 
@@ -176,14 +184,15 @@ def pruned(fit: Fit, problem: FitProblem) -> Fit:
         if len(fit.candidates) < 2 or not residual_at_noise_level(fit.misfit):
             break
         most = fit.chi2 + rules.alarm(fit.n) * scale_of(fit)
-
-        def worth(less: Fit, promise: float, most: float = most) -> bool:
-            return np.sqrt(less.chi2) - np.sqrt(rules.NEAR * promise) < np.sqrt(most)
-
-        less = refine(start_fit_at(without_effect(fit, k), problem), problem, fresh=True, worth=worth)
+        less = refine(start_fit_at(without_effect(fit, k), problem), problem, fresh=True, worth=may_leave(most))
         if less.chi2 < most:
             fit = less
     return fit
+
+
+def may_leave(most: float) -> Callable[[Fit, float], bool]:
+    """For `refine`: may a fit whose next step promises so much still leave less than this chi2?"""
+    return lambda fit, promise: np.sqrt(fit.chi2) - np.sqrt(rules.PROMISE_MARGIN * max(promise, 0.0)) < np.sqrt(most)
 
 
 def information(fit: Fit) -> float:

@@ -74,7 +74,7 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
     """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
 
     What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole: that fit ends as soon as
-    what its columns promise cannot bring it there. The whole is then
+    what its columns promise cannot bring it there, or as it is there. The whole is then
     fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect. A hypothesis
     that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
     static friction makes the same disturbances move the machine further.
@@ -86,7 +86,8 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
         return None
 
     def worth(fit: Fit, promise: float) -> bool:
-        return may_come_near(fit, rules.NEAR * promise, share)
+        there = residual_at_noise_level(fit.misfit, share)
+        return not there and may_come_near(fit, rules.NEAR * promise, share)
 
     opening = refine(start, head, fresh=True, worth=worth)
     if not residual_at_noise_level(opening.misfit, share):

@@ -13,7 +13,7 @@ from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
 from hexsim.tracing.fitting.rest_evidence import values_in_leg
 from hexsim.tracing.fitting.rest_priors import effects_of
-from hexsim.tracing.fitting.selection import residual_at_noise_level, scale_of
+from hexsim.tracing.fitting.selection import may_leave, residual_at_noise_level, scale_of
 from hexsim.tracing.held_out import refused
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, Verdict
@@ -22,12 +22,17 @@ from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, Verdict
 def refit_without_effects(fit: Fit, base: Fit, problem: SimulatedProblem) -> Fit:
     """The declared machine refitted again from the parameters of a hypothesis: is its effect needed at all?
 
-    A refit may stand still on its way; then an effect that does nothing looks as if it had helped.
+    A refit may stand still on its way; then an effect that does nothing looks as if it had helped. It ends where it cannot
+    leave as little as the hypothesis: no run leaves less than its opening seconds.
     """
     if not fit.candidates:
         return base
-    bare = start_fit_at(replace(fit, candidates=(), values=()), problem)
-    again = refine(bare, problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    worth = may_leave(fit.chi2 + rules.alarm(fit.n) * scale_of(fit))
+    bare, again = replace(fit, candidates=(), values=()), base
+    for part in dict.fromkeys((problem.head(rules.TRIAGE_S), problem)):
+        again = refine(start_fit_at(bare, part), part, fresh=True, relative=rules.BASE_TOLERANCE, worth=worth)
+        if not worth(again, 0.0):
+            return base
     return again if again.chi2 < base.chi2 else base
 
 
