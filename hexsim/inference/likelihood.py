@@ -42,8 +42,10 @@ class Fit:
 
     @property
     def errors(self) -> Array:
-        """Of each number: curvature, and in quadrature what it differs by from band to band and from stretch to stretch."""
-        return np.hypot(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), self.spread)
+        """Of each number: curvature, and in quadrature what it differs by from band to band and from stretch to stretch; infinite
+        where nothing that was measured moves with it."""
+        variance = np.diag(self.covariance)
+        return np.where(variance > 0.0, np.hypot(np.sqrt(np.maximum(variance, 0.0)), self.spread), np.inf)
 
     def value(self, name: str) -> float:
         return float(self.theta[self.names.index(name)])

@@ -81,6 +81,15 @@ def test_a_prior_holds_a_number_that_the_data_do_not_know():
     assert made.error("c") == pytest.approx(0.3, rel=1e-6)
 
 
+def test_a_number_that_moves_nothing_is_not_known():
+    """A limit that no motion reaches: its error is infinite, and the others keep theirs."""
+    rng = np.random.default_rng(5)
+    x = [np.stack([columns(rng)[:, 0], np.zeros(N)], axis=1) for _ in range(RUNS)]
+    found = fit(Linear(("gain", "limit"), x, [one[:, 0] + 0.1 * rng.standard_normal(N) for one in x]))
+    assert found.error("limit") == np.inf
+    assert found.error("gain") < 0.01
+
+
 def test_a_number_that_runs_do_not_share_is_spread_and_said():
     """1.0 in two runs and 2.0 in two: its error is their spread, and it is said to change. One that they share is not."""
     rng = np.random.default_rng(2)
