@@ -19,7 +19,7 @@ def test_hysteresis_is_found(tmp_path):
     """bench_hysteresis: explained, by the spool's backlash alone, half width within 10 % of 0.04 V, and nothing worse
     than 1.3 times the noise (position 2 times) on the held-out sine. report.json and machine.toml are there and valid."""
     steps = []
-    result = hx.trace(DATA / "bench_hysteresis", ["fit", "sweep"], progress=lambda step, share: steps.append(share))
+    result = hx.trace(DATA / "bench_hysteresis", ["fit", "sweep"], progress=lambda step, share: steps.append((share, step)))
     out = result.to_folder(tmp_path / "out")
     report = json.loads((out / "report.json").read_text())
     assert report["verdict"] == "explained"
@@ -33,7 +33,9 @@ def test_hysteresis_is_found(tmp_path):
     assert [b["name"] for b in report["balances"] if b["violated"]] == ["valve"]
     assert hx.load_machine(out).effects["valve_hysteresis"]["half_width_V"] == effect["parameters"]["half_width_V"]
     assert "<img" in (out / "report.html").read_text() and "http" not in (out / "report.html").read_text()[:2000]
-    assert steps[0] == 0.0 and steps[-1] == 1.0 and steps == sorted(steps)
+    shares = [share for share, _ in steps]
+    assert shares[0] == 0.0 and shares[-1] == 1.0 and shares == sorted(shares)
+    assert next(share for share, step in steps if "the balances ask for valve_hysteresis" in step) < 1.0 / 3.0
 
 
 def test_a_machine_that_diverges_along_its_logs_ends_in_a_sentence(monkeypatch):

@@ -20,6 +20,8 @@ from hexsim.tracing.state import Step, Tell, Trace
 def refit_declared(trace: Trace, tell: Tell) -> Trace:
     """The declared machine refitted, and both problems with the uncertainty of their inputs at that machine."""
     start, problem, held_out = trace.base, trace.fit_problem, trace.validate_problem
+    if asked := [candidate.label for candidate in trace.search.best.candidates]:
+        tell(f"refitting declared parameters; the balances ask for {' and '.join(asked)}")
     if not np.isfinite(start_fit_at(start, problem).chi2):
         names = " and ".join(log.name for log in problem.logs)
         raise HexsimError(
