@@ -2,6 +2,7 @@
 
     python benchmarks/next_measurement.py --seeds 3082-3141 --out benchmarks/results/next_measurement.jsonl.gz
     python benchmarks/next_measurement.py --summary benchmarks/results/next_measurement.jsonl.gz
+    python benchmarks/next_measurement.py --first --seeds 3200-3331 --out benchmarks/results/rough_coverage.jsonl.gz   rough, one trace
 
 Machines of the second plant: even seeds rough (`rough_machines.draw`), odd seeds clean with one effect of the library, of
 0.05 to 1 of its typical size. The first trace has the multisine of 20 s to fit and a sine held out. A machine that it
@@ -101,8 +102,8 @@ def write_loaded(folder: Path, plant: Any, seed: int) -> None:
     pl.DataFrame(log).write_csv(folder / "fit_more_loaded.csv")
 
 
-def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
-    """The first trace; where it leaves something open, the designed run and the multisine beside it."""
+def run_one(seed: int, tell: Callable[[str], None], first_alone: bool = False) -> dict[str, Any]:
+    """The first trace; where it leaves something open, the designed run and the multisine beside it, unless `first_alone`."""
     from other_plant import write_machine
 
     from hexsim.errors import HexsimError
@@ -127,7 +128,7 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
         try:
             first, line["first"] = traced(["fit"], [])
             tell(f"first {line['first']}")
-            if left_open(line["first"]):
+            if left_open(line["first"]) and not first_alone:
                 design = next_measurement(first)
                 tell(design.purpose)
                 loaded = design.load_kg is not None
@@ -262,6 +263,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="3000-3059")
     parser.add_argument("--out", type=Path, default=RESULTS / "next_measurement.jsonl.gz")
     parser.add_argument("--summary", type=Path)
+    parser.add_argument("--first", action="store_true", help="even seeds alone, and their first trace")
     options = parser.parse_args()
     from tracing_evaluation import commit, seeds_of
 
@@ -270,9 +272,11 @@ def main() -> None:
         return
     done = {line["seed"] for line in lines_of(options.out)}
     for seed in seeds_of(options.seeds):
-        if seed in done:
+        if seed in done or (options.first and seed % 2):
             continue
-        line = run_one(seed, lambda text, seed=seed: print(seed, text, flush=True)) | {"commit": commit()}
+        line = run_one(seed, lambda text, seed=seed: print(seed, text, flush=True), options.first) | {
+            "commit": commit()
+        }
         append(line, options.out)
 
 

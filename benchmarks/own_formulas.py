@@ -140,10 +140,10 @@ def page(rows: list[dict]) -> str:
         "# Formulas for what the library does not explain",
         "",
         f"`python benchmarks/own_formulas.py`, seeds {min(seeds)} to {max(seeds)}, scored once (the first two twice, after a crash; "
-        "those from 41016 on by the present rules): each model is missing an",
-        "effect outside the library ([how](../own_machines.md#a-formula-of-its-own)). Right: this formula is stated. None: no formula "
-        "is stated.",
-        "Named: an effect of the library is named instead.",
+        "41016 and on by",
+        "the present rules): each model is missing an effect outside the library "
+        "([how](../own_machines.md#a-formula-of-its-own)). Right: this",
+        "formula is stated. None: no formula is stated. Named: an effect of the library is named instead.",
         "",
         "| missing | its formula | machines | right | wrong | none | named |",
         "|---|---|---|---|---|---|---|",
