@@ -108,9 +108,9 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
 
     About a hypothesis that holds the next effect's column shows most of what it does: where no column promises half of
     the least gain (a share of the excess chi2) nothing is refitted. Rivals are told apart by a share of a gain
-    (`rules.NEAR_SHARE`): no step of a refit that takes less than that of the least gain is made.
+    (`rules.TELLABLE`): no step of a refit that takes less than that of the least gain is made.
     """
-    enough = rules.NEAR_SHARE * least_gain
+    enough = rules.TELLABLE * least_gain
     there = {candidate.label for candidate in fit.candidates}
     candidates = [candidate for candidate in candidates if candidate.label not in there]
     if fit.columns is None:
@@ -192,7 +192,7 @@ def pruned(fit: Fit, problem: FitProblem) -> Fit:
 
 def may_leave(most: float) -> Callable[[Fit, float], bool]:
     """For `refine`: may a fit whose next step promises so much still leave less than this chi2?"""
-    return lambda fit, promise: np.sqrt(fit.chi2) - np.sqrt(rules.PROMISE_MARGIN * max(promise, 0.0)) < np.sqrt(most)
+    return lambda fit, promise: np.sqrt(fit.chi2) - np.sqrt(rules.NEAR * max(promise, 0.0)) < np.sqrt(most)
 
 
 def information(fit: Fit) -> float:

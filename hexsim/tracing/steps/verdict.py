@@ -29,7 +29,7 @@ def refit_without_effects(fit: Fit, base: Fit, problem: SimulatedProblem) -> Fit
         return base
     worth = may_leave(fit.chi2 + rules.alarm(fit.n) * scale_of(fit))
     bare, again = replace(fit, candidates=(), values=()), base
-    for part in dict.fromkeys((problem.head(rules.TRIAGE_S), problem)):
+    for part in dict.fromkeys((problem.head(rules.OPENING_S), problem)):
         again = refine(start_fit_at(bare, part), part, fresh=True, relative=rules.BASE_TOLERANCE, worth=worth)
         if not worth(again, 0.0):
             return base
