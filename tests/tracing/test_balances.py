@@ -127,13 +127,3 @@ def test_a_balance_at_some_samples_is_the_one_of_all(tmp_path, kind):
     for balance in [*used, *([continuity.FastContinuity()] if kind == "bench" else [])]:
         whole, some = balance.residual(log, machine), balance.residual_at(log, machine, at)
         assert some == pytest.approx(whole[:, at], rel=0.0, abs=1e-9 * np.max(np.abs(whole)))
-
-
-@pytest.mark.parametrize("samples", [0.5, 3.3, -2.7, 4.0])
-def test_a_channel_shifted_back_keeps_its_noise_and_its_waves(samples):
-    """Lines between samples take half of the noise at half a sample; a wave of 80 Hz comes to its place within two thousandths."""
-    noise = np.random.default_rng(1).standard_normal(20000)
-    assert np.var(balances.balance.advanced(noise, samples)) == pytest.approx(np.var(noise), rel=0.1)
-    turn = 2.0 * np.pi * 0.08 * np.arange(2000)
-    moved = balances.balance.advanced(np.sin(turn), samples)
-    assert moved[50:-50] == pytest.approx(np.sin(turn + 2.0 * np.pi * 0.08 * samples)[50:-50], abs=2e-3)

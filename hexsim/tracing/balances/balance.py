@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
@@ -24,7 +23,6 @@ from hexsim.tracing.balances.bends import bends_at, kinks, tick_samples
 from hexsim.tracing.memory import latest_of, remembered
 
 Array = np.ndarray
-SIDE_LOBES = 8  # of the sinc, each way: of white noise a tenth is lost at most
 # Offset, gain, delay [s] and lag [s] of a sensor; of a position three more, its scale's ripple.
 Settings = tuple[float, ...]
 FORCE_SIGNALS = (
@@ -277,18 +275,11 @@ def measured_point(log: Log, machine: Machine, resolved: Resolved, leg: int) -> 
 
 
 def advanced(signal: Array, samples: float) -> Array:
-    """A late channel (n,) shifted back to where it belongs, by a sinc in Lanczos' window.
-
-    Straight lines between the samples take up to half of the noise's variance: at the noise a fit would ask for delays that do.
-    """
+    """A late channel shifted back to where it belongs."""
     if samples == 0.0:
         return signal
-    whole = math.floor(samples)
-    taps = np.arange(1 - SIDE_LOBES, SIDE_LOBES + 1)
-    off = taps - (samples - whole)
-    weights = np.sinc(off) * np.sinc(off / SIDE_LOBES)
-    place = np.arange(taps[0], len(signal) + taps[-1]) + whole
-    return np.correlate(signal[np.clip(place, 0, len(signal) - 1)], weights / weights.sum(), "valid")
+    place = np.arange(signal.shape[-1])
+    return np.interp(place + samples, place, signal)
 
 
 _latest = local()
