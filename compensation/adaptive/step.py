@@ -442,7 +442,8 @@ def tick_of(
     _doubt(s, s.past.ticks % HALVES)
     knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
-    seen = 2 if s.share == 0.0 and not s.fit.restored else 1  # half strokes: one each way, where no earlier run tells
+    # half strokes: one each way, where neither an earlier run nor other legs tell
+    seen = 2 if s.share == 0.0 and not s.fit.restored and not s.platform else 1
     if e.halves >= seen and knows:
         bump2, doubt2 = e.bump2, e.sigma2 + e.left2 + _lacking2(s) + PERCEIVED_m_s2**2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
