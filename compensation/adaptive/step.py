@@ -69,7 +69,7 @@ LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a s
 # in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
 LEAVE_S = 1.5
 # of bump^2 in bump^2 + doubt^2 + left^2 + lacking^2, from which it engages: above 1/2 a smaller bump is expected. On 20 drawn legs 0.5,
-# 0.65 and 0.8 made the same one reversal of 674 worse; a valve of the quadratic law allows no less
+# 0.65 and 0.8 made the same one reversal of 674 worse, and legs with much doubt engaged below 0.8 alone
 LEAST_SHARE = 0.65
 STAY_SHARE = 0.5  # and below which it leaves: a larger bump than plain control's is expected
 # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
