@@ -82,4 +82,5 @@ def test_a_slow_spool_is_not_named_a_delay(tmp_path):
         state = step.run(state, lambda doing: None)
     [own] = (found := dominant.sure_effects(state, lambda doing: None)).named
     assert own.candidate.effect.name == "spool_lag"
-    assert found.best.fit.values[-1]["frequency_Hz"] == pytest.approx(effects["spool_lag"], rel=0.05)
+    values = {c.effect.name: v for c, v in zip(found.best.fit.candidates, found.best.fit.values, strict=True)}
+    assert values["spool_lag"]["frequency_Hz"] == pytest.approx(effects["spool_lag"], rel=0.05)
