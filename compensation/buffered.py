@@ -11,12 +11,11 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import carray
 
 from .arithmetic import clip
 from .compensator import Context, Parameters
 from .compiled import compiled, compiled_callback
-from .desk import LEGS, STEP, TICK, doubles, rows, truths
+from .desk import STEP, TICK, legs_on
 from .iterative import ZERO_VELOCITY_M_S
 from .learned_parameters import beyond_volts
 from .report_functions import MOST_RANGES, RANGE, check_function, compensation_V
@@ -277,11 +276,8 @@ def native_tick() -> Any:
     def step_legs(desk, what):
         if what != STEP:
             return
-        d = carray(desk, (1,), LEGS)[0]
-        states, acts, finite = rows(d.states, d.n, d.size), truths(d.acts, d.n), truths(d.finite, d.n)
-        added, control = doubles(d.added_V, d.n), doubles(d.control_V, d.n)
-        valve, position = doubles(d.valve_V, d.n), doubles(d.position_m, d.n)
-        for i in range(d.n):
+        states, acts, finite, added, control, valve, position, _ = legs_on(desk)
+        for i in range(len(acts)):
             if acts[i]:
                 added[i] = tick(states[i], control[i], valve[i], position[i])
                 finite[i] = is_sound(states[i])

@@ -80,6 +80,17 @@ def truths(address, n):
     return carray(pointer(address), (n,), np.bool_)
 
 
+@compiled
+def legs_on(desk):
+    """Of all n legs on a desk whose states are rows of doubles: states (n, size), acts, finite (n,), and what the report's algorithms
+    read and leave, each (n,): added volts, control volts, valve's volts, position [m], bottom pressure [Pa]."""
+    d = carray(desk, (1,), LEGS)[0]
+    return (
+        rows(d.states, d.n, d.size), truths(d.acts, d.n), truths(d.finite, d.n), doubles(d.added_V, d.n), doubles(d.control_V, d.n),
+        doubles(d.valve_V, d.n), doubles(d.position_m, d.n), doubles(d.bottom_Pa, d.n),
+    )  # fmt: skip
+
+
 class Desk:
     """Arrays of n legs, and the record that says where they are. They are kept as long as the desk."""
 

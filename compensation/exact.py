@@ -11,12 +11,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import carray
 
 from .arithmetic import clip
 from .compensator import Context, Parameters
 from .compiled import compiled, compiled_callback
-from .desk import LEGS, STEP, TICK, doubles, rows, truths
+from .desk import STEP, TICK, legs_on
 from .flow_curve import FlowCurve, overlap_curve
 from .rows import RowCompensator, RowState, all_are_finite
 
@@ -162,10 +161,8 @@ def native_tick() -> Any:
     def step_legs(desk, what):
         if what != STEP:
             return
-        d = carray(desk, (1,), LEGS)[0]
-        states, acts, finite = rows(d.states, d.n, d.size), truths(d.acts, d.n), truths(d.finite, d.n)
-        added, control, bottom = doubles(d.added_V, d.n), doubles(d.control_V, d.n), doubles(d.bottom_Pa, d.n)
-        for i in range(d.n):
+        states, acts, finite, added, control, _, _, bottom = legs_on(desk)
+        for i in range(len(acts)):
             if acts[i]:
                 added[i] = tick(states[i], control[i], bottom[i])
                 finite[i] = is_sound(states[i])

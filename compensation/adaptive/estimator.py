@@ -221,7 +221,7 @@ def _take_waiting(s):
 @compiled
 def _begin_fold(s):
     """A pass over one of the windows that are about to go, at the settled numbers, for what it says of them. Returns whether there is
-    one: not while the fit is in search, nor of a leg that is not the model's."""
+    one: not while the fit is in search, nor of a leg that was never the model's."""
     fit = s.fit
     if not fit.settled or not fit.has_best or not (fit.was_known or is_known_leg(fit.chi2)):
         return False

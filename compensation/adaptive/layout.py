@@ -88,8 +88,8 @@ EXPECTED = record(
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
 )  # fmt: skip
-# level: share of the probe; plain control's volts behind the backlash, and where the probe wants them; side of the last movement
-PROBE = record(level=f, plain_V=f, wanted_V=f, side=f)
+# level: share of the probe; plain control's volts behind the backlash; what `_through_backlash` remembers
+PROBE = record(level=f, plain_V=f, played=f, side=f)
 DAMPING = record(
     tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design
     taps=(f, (MAX_DAMPING_TAPS,)), deviation_Pa=(f, (MAX_DAMPING_TAPS,)), expected_Pa=(f, (MOST_DELAY + 1,)), gain=f, lag_s=f, wanted=i,

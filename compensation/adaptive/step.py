@@ -324,23 +324,29 @@ def _lacking2(s):
 
 
 @compiled
-def _through_backlash(inv, volts, half):
+def _through_backlash(memory, volts, half):
     """Volts whose play of half width `half` gives `volts`: on the side to which they move."""
-    if volts > inv.played:
-        inv.side = 1.0
-    elif volts < inv.played:
-        inv.side = -1.0
-    inv.played = volts
-    return volts + inv.side * half
+    if volts > memory.played:
+        memory.side = 1.0
+    elif volts < memory.played:
+        memory.side = -1.0
+    memory.played = volts
+    return volts + memory.side * half
+
+
+@compiled
+def _sd(s, k):
+    """Standard deviation of number k, by what is known now."""
+    row = s.expected.row
+    row[:] = 0.0
+    row[k] = 1.0
+    return sqrt(_variance(s, row))
 
 
 @compiled
 def _fastest_rad_s(s):
     """The spool's corner, as fast as it may be: two standard deviations."""
-    row = s.expected.row
-    row[:] = 0.0
-    row[LN_SPOOL] = 1.0
-    return 2.0 * pi * exp(s.known.numbers[LN_SPOOL] + 2.0 * sqrt(_variance(s, row)))
+    return 2.0 * pi * exp(s.known.numbers[LN_SPOOL] + 2.0 * _sd(s, LN_SPOOL))
 
 
 @compiled
@@ -356,9 +362,10 @@ def _probe(s):
     e, tick_s = s.expected, s.settings.tick_s
     up, down = gains(s)
     v, gain = s.reference.velocity_m_s[0], 0.5 * (up + down)
-    slow = gain * max(
+    closed_V = max(
         0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN]), exp(s.numbers[LN_ROUND])
     )  # an underlapped valve is never closed
+    slow = gain * closed_V
     if abs(v) < slow:
         return 0.0
     corner_rad_s, total, peak = _fastest_rad_s(s), 0.0, 0.0
@@ -368,9 +375,8 @@ def _probe(s):
         peak += share
         total += share * sin(w * s.past.ticks * tick_s)
     opened = min(abs(v) / slow - 1.0, 1.0)  # tones fade: what begins at once the spool answers in the felt band
-    amplitude = min(
-        sqrt(e.bump2) / gain, 2.0 * COARSEST * s.settings.voltage_max_V / peak
-    )  # cut off they would beat at 50 Hz
+    most = 2.0 * COARSEST * s.settings.voltage_max_V / peak  # tones that are cut off beat at 50 Hz
+    amplitude = min(sqrt(e.bump2) / gain, most)
     return amplitude * opened * opened * (3.0 - 2.0 * opened) * total
 
 
@@ -378,18 +384,10 @@ def _probe(s):
 def _probe_through_backlash(s, control_V, volts):
     """What to add to plain control so that the valve moves by `volts` more: a backlash swallows what is smaller than itself. Of its half
     width only what is certain is made up for, two standard deviations less: too much would be felt."""
-    probe, row = s.probe, s.expected.row
-    row[:] = 0.0
-    row[PLAY] = 1.0
-    half = max(s.numbers[PLAY] - 2.0 * sqrt(_variance(s, row)), 0.0)
+    probe, half = s.probe, max(s.numbers[PLAY] - 2.0 * _sd(s, PLAY), 0.0)
     probe.plain_V = min(max(probe.plain_V, control_V - half), control_V + half)
-    wanted = probe.plain_V + volts
-    if wanted > probe.wanted_V:
-        probe.side = 1.0
-    elif wanted < probe.wanted_V:
-        probe.side = -1.0
-    probe.wanted_V = wanted
-    return wanted + probe.side * half - control_V if volts != 0.0 else 0.0
+    sent = _through_backlash(probe, probe.plain_V + volts, half)
+    return sent - control_V if volts != 0.0 else 0.0
 
 
 @compiled
