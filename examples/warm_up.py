@@ -73,7 +73,7 @@ def ride_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
     """Bump of each reversal over the oil's temperature, a plot for each kind of edges."""
     figure, plots = small_multiples(len(EDGES), "One leg, 0.05 m at 0.5 Hz, while its oil warms", len(EDGES), 3.0, True)
     for plot, edges in zip(plots, EDGES, strict=True):
-        for name, color, size in zip(COMPENSATORS, (palette.DEVIATION, palette.RESPONSE), (5, 2), strict=True):
+        for name, color, size in zip(COMPENSATORS, (palette.DEVIATION, palette.RESPONSE), (5, 3), strict=True):
             plot.plot(*found[f"{edges}, {name}"], "o", color=color, markersize=size, markeredgewidth=0, label=name)
         plot.set_title(edges if edges == "turbulent edges" else f"{edges}, Re_cr = {SLOT:g}")
         plot.set_xlabel("oil [°C]")
