@@ -37,7 +37,10 @@ from .leg import (
     AMP_LAG,
     COULOMB_DN,
     COULOMB_UP,
+    DEAD_DN,
+    DEAD_UP,
     DELAY,
+    DRIFT,
     HOLD,
     LN_BRISTLE,
     LN_REG,
@@ -248,7 +251,7 @@ def _begin_look(s):
     kept = s.older[fit.again]
     window.position_m[:], window.bottom_Pa[:], window.top_Pa[:] = kept.position_m, kept.bottom_Pa, kept.top_Pa
     window.supply_Pa[:], window.load_N[:], window.volts[:] = kept.supply_Pa, kept.load_N, kept.volts
-    window.measured[:], window.doubt_N[:] = kept.measured, kept.doubt_N
+    window.measured[:], window.doubt_N[:], window.first = kept.measured, kept.doubt_N, kept.first
     _start_pass(s, fit.best.numbers, False)
     fit.trial.start[OLDER] = kept.start
     fit.at_window, fit.folding = OLDER, 1
@@ -431,16 +434,26 @@ def _start_pass(s, numbers, fresh):
 
 
 @compiled
+def _drift(numbers, time_s):
+    """Numbers (N_NUMBERS,) whose edges are those of the first tick become those of time_s later."""
+    numbers[DEAD_UP] += numbers[DRIFT] * time_s
+    numbers[DEAD_DN] -= numbers[DRIFT] * time_s
+
+
+@compiled
 def _work_tick(s):
     """One window tick of the pass."""
     fit, trial = s.fit, s.fit.trial
     n, k = fit.at_window, fit.at_tick
     window, heat = s.windows[n], HEATS[fit.stage]
+    age_s = window.first * s.settings.tick_s
     if k == 0:
+        fit.of_window[:] = trial.numbers
+        _drift(fit.of_window, age_s)
         fit.scale[N_NUMBERS + N_STATE :] = window.doubt_N
         behind_backlash(window.volts, trial.numbers[PLAY], fit.arriving, fit.by_half)
         begin_window(
-            fit.x, fit.S, trial.numbers, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
+            fit.x, fit.S, fit.of_window, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
         )
         fit.A[:, :] = 0.0
         fit.B[:, :] = 0.0
@@ -453,14 +466,14 @@ def _work_tick(s):
         + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
     )
     read_tick(
-        fit.x, fit.S, k, fit.late, fit.late_S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k],
+        fit.x, fit.S, k, age_s, fit.late, fit.late_S, fit.of_window, s.sheet, fit.scale, fit.starts, window.position_m[k],
         window.bottom_Pa[k], window.top_Pa[k], fit.noise[0] * heat, fit.noise[1] * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b,
         trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
         tick_window(
-            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, trial.start[n], fit.starts,
+            fit.x, fit.S, k, fit.d_now, fit.d_before, fit.of_window, s.sheet, trial.start[n], fit.starts,
             fit.arriving, fit.by_half, window.supply_Pa[k],
             window.load_N[k], fit.w,
         )  # fmt: skip
@@ -555,16 +568,29 @@ def _misfit_throughout(fit, four_way, chi2):
 
 
 @compiled
+def _take_along(H, k, m, times):
+    """Information H (lower) of numbers of which m has become m + times k: k's row less `times` m's, in both directions."""
+    for j in range(N_NUMBERS):
+        if j != k:
+            H[max(j, k), min(j, k)] -= times * H[max(j, m), min(j, m)]
+    H[k, k] -= times * (2.0 * H[max(k, m), min(k, m)] + times * H[m, m])
+
+
+@compiled
 def _keep_known(s):
-    """What the last stage has found, with its covariance's factor and the misfit just taken (`_misfit`)."""
+    """What the last stage has found, with its covariance's factor and the misfit just taken (`_misfit`); edges as they are now."""
     fit, best, known = s.fit, s.fit.best, s.known
+    now_s = s.past.ticks * s.settings.tick_s
     for a in range(N_NUMBERS):
         for b in range(a + 1):
             fit.L[a, b] = best.H[a, b]
+    _take_along(fit.L, DRIFT, DEAD_UP, now_s * fit.sd[DRIFT] / fit.sd[DEAD_UP])
+    _take_along(fit.L, DRIFT, DEAD_DN, -now_s * fit.sd[DRIFT] / fit.sd[DEAD_DN])
     if not cholesky(fit.L, N_NUMBERS):
         return
     known.factor[:, :] = fit.L
     known.numbers[:] = best.numbers
+    _drift(known.numbers, now_s)
     known.sd[:] = fit.sd
     known.chi2[:] = fit.chi2
     known.valid = 1
@@ -582,12 +608,12 @@ def _keep_alone(fit, known):
     if not cholesky(fit.L, N_NUMBERS):
         return
     for a in range(N_NUMBERS):
-        fit.a[a] = fit.best.g[a] + fit.told_weight[a] * ((known.numbers[a] - fit.mean[a]) / fit.sd[a] - fit.told[a])
+        fit.a[a] = fit.best.g[a] + fit.told_weight[a] * ((fit.best.numbers[a] - fit.mean[a]) / fit.sd[a] - fit.told[a])
     forward(fit.L, N_NUMBERS, fit.a)
     backward(fit.L, N_NUMBERS, fit.a)
     spread = max(1.0, known.chi2[0], known.chi2[1])
     for k in range(N_NUMBERS):
-        alone = min(max(known.numbers[k] + fit.a[k] * fit.sd[k], fit.low[k]), fit.high[k])
+        alone = min(max(fit.best.numbers[k] + fit.a[k] * fit.sd[k], fit.low[k]), fit.high[k])
         known.alone[k] = (alone - fit.mean[k]) / fit.sd[k]
     variances(fit.L, spread, known.alone_variance, fit.a)
 

@@ -12,7 +12,10 @@ from ..compiled import compiled
 from .leg import (
     COULOMB_DN,
     COULOMB_UP,
+    DEAD_DN,
+    DEAD_UP,
     DELAY,
+    DRIFT,
     LN_BRISTLE,
     LN_REG,
     LN_STRIBECK,
@@ -123,8 +126,9 @@ def add_row(row, r, scale, starts, A, B, C, a, b):
 
 
 @compiled
-def read_tick(x, S, k, late, late_S, th, sheet, scale, starts, y, p1, p2, sy, sp, row, A, B, C, a, b, chi):
-    """Residuals of the transducers at tick k into the normal equations; chi (2,): squared residuals of position and pressures.
+def read_tick(x, S, k, age_s, late, late_S, th, sheet, scale, starts, y, p1, p2, sy, sp, row, A, B, C, a, b, chi):
+    """Residuals of the transducers at tick k into the normal equations; chi (2,): squared residuals of position and pressures. age_s:
+    for which the valve's null has drifted, in th already.
 
     The position is read late: late (LATE, 2) and late_S (LATE, 2, N_COLUMNS) hold y, v and their derivatives of the last ticks, the
     rest of a tick is straight. Before the window the motion goes on straight."""
@@ -139,17 +143,20 @@ def read_tick(x, S, k, late, late_S, th, sheet, scale, starts, y, p1, p2, sy, sp
     for j in range(N_NUMBERS + starts):
         row[j] = (late_S[place, 0, j] - rest * late_S[place, 1, j]) / sy
     row[POSITION_LAG] -= speed / sy
+    row[DRIFT] = age_s * (row[DEAD_UP] - row[DEAD_DN])
     chi[0] += r * r
     add_row(row, r, scale, starts, A, B, C, a, b)
     r = min(max((p1 - x[M1]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
     for j in range(N_NUMBERS + starts):
         row[j] = S[M1, j] / sp
+    row[DRIFT] = age_s * (row[DEAD_UP] - row[DEAD_DN])
     chi[1] += r * r
     add_row(row, r, scale, starts, A, B, C, a, b)
     if sheet[S_FOUR_WAY] != 0.0:
         r = min(max((p2 - x[M2]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
         for j in range(N_NUMBERS + starts):
             row[j] = S[M2, j] / sp
+        row[DRIFT] = age_s * (row[DEAD_UP] - row[DEAD_DN])
         chi[1] += r * r
         add_row(row, r, scale, starts, A, B, C, a, b)
 

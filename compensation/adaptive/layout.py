@@ -58,7 +58,7 @@ FIT = record(
     late=(f, (LATE, 2)), late_S=(f, (LATE, 2, N_COLUMNS)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
     C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (16,)), L=(f, (N_NUMBERS, N_NUMBERS)),
-    proposed=(f, (N_NUMBERS,)), before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
+    proposed=(f, (N_NUMBERS,)), of_window=(f, (N_NUMBERS,)), before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
     was_known=i, held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
     folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f,
     aside_H=(f, (N_NUMBERS, N_NUMBERS)), aside_g=(f, (N_NUMBERS,)), aside_cost=f, folded_until=i, folding=i, to_fold=i,

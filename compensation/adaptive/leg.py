@@ -1,7 +1,8 @@
 """The leg as the estimator knows it: one control tick, and its derivatives with respect to state, numbers and volts.
 
-Volts pass backlash, a delay (`arriving`), an amplifier's lag and the spool (second order). Edges are rounded (softplus), their
-opening may be bent; orifices turn from laminar to turbulent; leaks are laminar; oil is softened by air. Friction is Stribeck's
+Volts pass backlash, a delay (`arriving`), an amplifier's lag and the spool (second order). Edges are rounded (softplus), those of the
+two directions unlike, their opening may be bent; a four-way valve's four overlaps are unlike. Orifices turn from laminar to
+turbulent; the return line and leaks are laminar; oil is softened by air. Friction is Stribeck's
 behind one bristle (LuGre without damping), regularised in velocity (steady: F = g tanh(v/reg) + viscous v):
 
     z' = v - v coth(v/reg) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
@@ -30,13 +31,15 @@ NAMES = (
     "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
     "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "turbulent_Pa", "laminar", "leak", "leak_tank",
     "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
-    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s", "spring",
+    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s",
+    "skew_up_V", "skew_dn_V", "leak_supply", "leak_supply_top", "leak_tank_top",  # of a four-way valve alone
 )  # fmt: skip
-N_NUMBERS, N_SPOOL = 32, 5
+N_NUMBERS, N_SPOOL = 40, 5
 (
     LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, TURBULENT, LAMINAR, LEAK,
     LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, LN_REG,
-    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG, SPRING,
+    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, SKEW_UP, SKEW_DN, LEAK_SUPPLY,
+    LEAK_SUPPLY_TOP, LEAK_TANK_TOP,
 ) = range(N_NUMBERS)  # fmt: skip
 # places in a sheet (N_SHEET,): what is declared
 (
@@ -90,6 +93,25 @@ def orifice(o, dp, turbulent, laminar, out):
     out[2] = n / r - k * n * n * dp
     out[3] = -k * w * n
     out[4] = -k * w
+
+
+@compiled
+def behind_line(q, o, dp, gain, line):
+    """What `orifice` gave of o and dp, with a laminar return line [Pa s/m3] behind, where gain times it flows: that of dp - line gain q,
+    by one step of Newton from no flow (within (line gain q/dp)^2/8). q (7,): it, and its derivatives; [5] by gain over it, [6] by line."""
+    f = q[0]
+    if f == 0.0:
+        q[5] = q[6] = 0.0
+        return
+    r, e = line * gain * q[2], q[2] * dp / f  # e: 1/2 turbulent, 1 laminar
+    s, bent = 1.0 / (1.0 + r), 4.0 * r * (1.0 - e) / e
+    s2 = s * s
+    q[5], q[6] = f * s2, -f * gain * q[2] * s2
+    q[0] = f * s
+    q[1] = s2 * (q[1] + bent * (q[1] - f / o))
+    q[2] *= s2 * (1.0 + r * (1.0 + (1.0 - e) * (5.0 * e - 2.0) / (e * e)))
+    q[3] *= s2 * (1.0 + bent)
+    q[4] *= s2 * (1.0 + bent)
 
 
 @compiled
@@ -194,9 +216,9 @@ def tangent(
     """
     h = sheet[S_TICK] / SUBSTEPS
     a1, a2, four = sheet[S_A1], sheet[S_A2], sheet[S_FOUR_WAY] != 0.0
-    s = exp(th[LN_ROUND])
-    rounds = 1.0 if s > blunt_V else 0.0
-    s = s if s > blunt_V else blunt_V
+    s_up, s_dn = exp(th[LN_ROUND]), exp(th[LN_ROUND] + th[LN_ROUND_RATIO])
+    rounds_up, rounds_dn = 1.0 if s_up > blunt_V else 0.0, 1.0 if s_dn > blunt_V else 0.0
+    s_up, s_dn = max(s_up, blunt_V), max(s_dn, blunt_V)
     om = 6.283185307179586 * exp(th[LN_SPOOL])
     ka = h / (th[AMP_LAG] + h)
     dka = -ka * ka / h
@@ -208,7 +230,7 @@ def tangent(
     gu, gd = flow * th[GAIN_UP], flow * th[GAIN_DN]
     tank, m = sheet[S_TANK], th[MASS] * sheet[S_OWN]
     edge = split * SUBSTEPS
-    o, q, c = w[0:5], w[5:10], w[10:14]
+    o, q, c = w[0:5], w[5:12], w[12:16]
     Sy, Sv, S1, S2, Sx, Sd, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[XD], S[Z], S[M1], S[M2]
     if not four:
         x[P2] = x[M2] = supply
@@ -243,46 +265,56 @@ def tangent(
         q1_1 = -th[LEAK] - th[LEAK_TANK]
         q2_2 = -th[LEAK]
         q1_2, q2_1 = th[LEAK], th[LEAK]
+        if four:
+            q1 += th[LEAK_SUPPLY] * (supply - x[P1])
+            q2 += th[LEAK_SUPPLY_TOP] * (supply - x[P2]) - th[LEAK_TANK_TOP] * (x[P2] - tank)
+            q1_1 -= th[LEAK_SUPPLY]
+            q2_2 -= th[LEAK_SUPPLY_TOP] + th[LEAK_TANK_TOP]
         u1 = u1d = u1s = u1b = u1c = u1t = u1l = 0.0
-        u2 = u2d = u2s = u2b = u2c = u2t = u2l = 0.0
-        opening(middle - th[DEAD_UP], s, th[BEND], th[BEND2], o)
+        u2 = u2d = u2s = u2b = u2c = u2t = u2l = u2r = 0.0
+        opening(middle - th[DEAD_UP], s_up, th[BEND], th[BEND2], o)
         if o[0] > 0.0:
             orifice(o[0], supply - x[P1], th[TURBULENT], th[LAMINAR], q)
             q1 += gu * q[0]
             u1, slope = flow * q[0], gu * q[1]
             q1x += slope * o[1]
-            u1d, u1s, u1b, u1c = slope * o[1], slope * o[2], slope * o[3], slope * o[4]
+            u1d, u1s, u1b, u1c = slope * o[1], slope * o[2] * rounds_up, slope * o[3], slope * o[4]
             q1_1 -= gu * q[2]
             u1t, u1l = gu * q[3], gu * q[4]
-            if four:
+        if four:
+            opening(middle - th[DEAD_UP] - th[SKEW_UP], s_up, th[BEND], th[BEND2], o)
+            if o[0] > 0.0:
                 orifice(o[0], x[P2] - tank, th[TURBULENT], th[LAMINAR], q)
+                behind_line(q, o[0], x[P2] - tank, gu, th[RETURN])
                 q2 -= gu * q[0]
-                u2, slope = -flow * q[0], -gu * q[1]
+                u2, slope = -flow * q[5], -gu * q[1]
                 q2x += slope * o[1]
-                u2d, u2s, u2b, u2c = slope * o[1], slope * o[2], slope * o[3], slope * o[4]
+                u2d, u2s, u2b, u2c = slope * o[1], slope * o[2] * rounds_up, slope * o[3], slope * o[4]
                 q2_2 -= gu * q[2]
-                u2t, u2l = -gu * q[3], -gu * q[4]
-        d1 = d1d = d2 = d2d = 0.0
-        opening(-middle - th[DEAD_DN], s, th[BEND], th[BEND2], o)
+                u2t, u2l, u2r = -gu * q[3], -gu * q[4], -gu * q[6]
+        d1 = d1d = d1s = d1r = d2 = d2d = d2s = 0.0
+        opening(-middle - th[DEAD_DN], s_dn, th[BEND], th[BEND2], o)
         if o[0] > 0.0:
             orifice(o[0], x[P1] - tank, th[TURBULENT], th[LAMINAR], q)
+            behind_line(q, o[0], x[P1] - tank, gd, th[RETURN])
             q1 -= gd * q[0]
-            d1, slope = -flow * q[0], -gd * q[1]
+            d1, slope = -flow * q[5], -gd * q[1]
             q1x -= slope * o[1]
-            d1d = slope * o[1]
-            u1s += slope * o[2]
+            d1d, d1s = slope * o[1], slope * o[2] * rounds_dn
             u1b += slope * o[3]
             u1c += slope * o[4]
             q1_1 -= gd * q[2]
             u1t -= gd * q[3]
             u1l -= gd * q[4]
-            if four:
+            d1r = -gd * q[6]
+        if four:
+            opening(-middle - th[DEAD_DN] - th[SKEW_DN], s_dn, th[BEND], th[BEND2], o)
+            if o[0] > 0.0:
                 orifice(o[0], supply - x[P2], th[TURBULENT], th[LAMINAR], q)
                 q2 += gd * q[0]
                 d2, slope = flow * q[0], gd * q[1]
                 q2x -= slope * o[1]
-                d2d = slope * o[1]
-                u2s += slope * o[2]
+                d2d, d2s = slope * o[1], slope * o[2] * rounds_dn
                 u2b += slope * o[3]
                 u2c += slope * o[4]
                 q2_2 -= gd * q[2]
@@ -390,7 +422,13 @@ def tangent(
                 S2[GAIN_DN] += k2 * d2
                 S2[DEAD_UP] -= k2 * u2d
                 S2[DEAD_DN] -= k2 * d2d
-                S2[LN_ROUND] += k2 * u2s * rounds
+                S2[SKEW_UP] -= k2 * u2d
+                S2[SKEW_DN] -= k2 * d2d
+                S2[LN_ROUND] += k2 * (u2s + d2s)
+                S2[LN_ROUND_RATIO] += k2 * d2s
+                S2[RETURN] += k2 * u2r
+                S2[LEAK_SUPPLY_TOP] += k2 * (supply - x[P2])
+                S2[LEAK_TANK_TOP] -= k2 * (x[P2] - tank)
                 S2[BEND] += k2 * u2b
                 S2[BEND2] += k2 * u2c
                 S2[TURBULENT] += k2 * u2t
@@ -412,7 +450,11 @@ def tangent(
             S1[GAIN_DN] += k * d1
             S1[DEAD_UP] -= k * u1d
             S1[DEAD_DN] -= k * d1d
-            S1[LN_ROUND] += k * u1s * rounds
+            S1[LN_ROUND] += k * (u1s + d1s)
+            S1[LN_ROUND_RATIO] += k * d1s
+            S1[RETURN] += k * d1r
+            if four:
+                S1[LEAK_SUPPLY] += k * (supply - x[P1])
             S1[BEND] += k * u1b
             S1[BEND2] += k * u1c
             S1[TURBULENT] += k * u1t

@@ -21,15 +21,20 @@ from .leg import (
     DEAD_DN,
     DEAD_UP,
     DELAY,
+    DRIFT,
     GAIN_DN,
     GAIN_UP,
     HOLD,
     LAMINAR,
     LEAK,
+    LEAK_SUPPLY,
+    LEAK_SUPPLY_TOP,
     LEAK_TANK,
+    LEAK_TANK_TOP,
     LN_BRISTLE,
     LN_REG,
     LN_ROUND,
+    LN_ROUND_RATIO,
     LN_SPOOL,
     LN_STRIBECK,
     MASS,
@@ -37,6 +42,7 @@ from .leg import (
     PLAY,
     POSITION_LAG,
     PRESSURE_LAG,
+    RETURN,
     S_A1,
     S_A2,
     S_E,
@@ -51,6 +57,8 @@ from .leg import (
     S_TICK,
     S_V1,
     S_V2,
+    SKEW_DN,
+    SKEW_UP,
     SOFT,
     SPRING,
     STATIC_DN,
@@ -68,7 +76,7 @@ PAIRS = ((COULOMB_UP, COULOMB_DN), (STATIC_UP, STATIC_DN), (VISCOUS_UP, VISCOUS_
 PAIR_SD = (0.3, 0.3, 0.3, 0.25)
 # standard deviations between the legs of one machine, over that between machines: equally likely before they are measured
 LEGS_ALIKE = (0.01, 0.03, 0.1, 0.3)
-DRIFT = 0.1  # of a number between two runs: oil's temperature, wear
+BETWEEN_RUNS = 0.1  # of a number's prior, between two runs: oil's temperature, wear
 HOLD_SHARE, MASS_SHARE, MASS_PAIR = (
     0.05,
     0.25,
@@ -131,8 +139,14 @@ def fill_prior(fit, settings, hold_N):
     one(fit, TURBULENT, 6e4, 2e5, 10.0, 3e6)
     one(fit, LAMINAR, 20.0 * volts**2, 2e3 * volts**2, 20.0 * volts**2, 1e6 * volts**2)
     leak = 1e-12 * settings.area_bottom_m2 / 1.257e-3 * settings.velocity_gain_m_s_V / 0.15
-    one(fit, LEAK, 0.0, leak, -20.0 * leak, 20.0 * leak)
-    one(fit, LEAK_TANK, 0.0, leak, -20.0 * leak, 20.0 * leak)
+    for k in (LEAK, LEAK_TANK, LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP):
+        one(fit, k, 0.0, leak, -20.0 * leak, 20.0 * leak)
+    back = 0.01 * settings.supply_pressure_Pa / (settings.velocity_gain_m_s_V * settings.area_bottom_m2)  # at the flow of a volt
+    one(fit, RETURN, 0.0, back, 0.0, 10.0 * back)
+    for k in (SKEW_UP, SKEW_DN):
+        one(fit, k, 0.0, 0.02 * volts, -0.2 * volts, 0.2 * volts)
+    one(fit, DRIFT, 0.0, 1e-3 * volts, -0.02 * volts, 0.02 * volts)
+    one(fit, LN_ROUND_RATIO, 0.0, 0.3, -1.5, 1.5)
     one(fit, SOFT, 0.25, 0.4, -0.5, 5.0)
     one(fit, AIR, 0.002, 0.005, 0.0, 0.1)
     one(fit, MASS, mass, MASS_SHARE * mass, 0.3 * mass, 4.0 * mass)
@@ -212,10 +226,12 @@ def folded_cost(fit, numbers):
 @compiled
 def restore_prior(fit, settings, numbers, sd):
     """The prior after an earlier run: what was found, with its standard deviations, and the bounds of before. A machine may have
-    changed since: each number by DRIFT of what machines of its kind differ by. Numbers beyond the bounds are set to them."""
+    changed since: each number by BETWEEN_RUNS of what machines of its kind differ by. Numbers beyond the bounds are set to them."""
     fill_prior(fit, settings, numbers[HOLD])
     for k in range(N_NUMBERS):
+        if k == DRIFT:  # of that run
+            continue
         fit.mean[k] = numbers[k] = min(max(numbers[k], fit.low[k]), fit.high[k])
-        fit.sd[k] = (sd[k] * sd[k] + (DRIFT * fit.sd[k]) ** 2) ** 0.5
+        fit.sd[k] = (sd[k] * sd[k] + (BETWEEN_RUNS * fit.sd[k]) ** 2) ** 0.5
         fit.scale[k] = fit.sd[k]
     fit.restored = 1

@@ -24,9 +24,10 @@ TRUE = dict(
     dead_dn_V=0.05, ln_round_V=-4.0, bend=0.05, bend2=0.02, turbulent_Pa=6e4, laminar=50.0, leak=1e-12, leak_tank=1e-12, soft=0.2,
     air=0.005, mass=50.0, hold=490.0, coulomb_up=80.0, coulomb_dn=70.0, static_up=30.0, static_dn=25.0, viscous_up=2000.0,
     viscous_dn=1700.0, ln_stribeck=math.log(5e-3), ln_reg=math.log(3e-4), ln_bristle=math.log(3e7), pressure_lag_s=4e-4,
-    position_lag_s=3e-4, spring=2e3,
+    position_lag_s=3e-4, spring=2e3, ln_round_ratio=0.3, drift_V_s=0.0, return_line=5e8, skew_up_V=0.01, skew_dn_V=-0.01, leak_supply=5e-13,
+    leak_supply_top=4e-13, leak_tank_top=6e-13,
 )  # fmt: skip
-OUTSIDE = ("play_V", "position_lag_s")  # before and behind the leg: of the volts that reach it, and of what is read
+OUTSIDE = ("play_V", "position_lag_s", "drift_V_s")  # before and behind the leg: of the volts that reach it, and of what is read
 
 
 def _sheet(four_way: bool) -> np.ndarray:
