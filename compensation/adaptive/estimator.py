@@ -63,7 +63,9 @@ from .prior import LEGS_ALIKE, add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
+MOST_STEP = 1.0  # of a number at once, in its prior's standard deviations: farther the derivatives say nothing
 LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
+STAGE_GAIN = 1.0  # the same before the last stage: one standard deviation of one number, in a noise that is too large
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
 KNOWN_LEG = 4.0  # misfit from which the leg is not one that the model knows: residuals twice the noise. Below, doubt grows with it
@@ -516,7 +518,8 @@ def _propose(s):
         backward(fit.L, N_NUMBERS, fit.a)
         more = False
         for k in range(N_NUMBERS):
-            low, high = (fit.low[k] - best.numbers[k]) / fit.sd[k], (fit.high[k] - best.numbers[k]) / fit.sd[k]
+            low = max((fit.low[k] - best.numbers[k]) / fit.sd[k], -MOST_STEP)
+            high = min((fit.high[k] - best.numbers[k]) / fit.sd[k], MOST_STEP)
             if fit.held[k] == 0.0 and (fit.a[k] < low or fit.a[k] > high):
                 fit.held[k], fit.step_to[k], more = 1.0, low if fit.a[k] < low else high, True
         if not more:
@@ -839,7 +842,7 @@ def work(s):
                 if not _propose(s):
                     fit.damping = max(8.0 * fit.damping, 1e-3)
                     return
-                if fit.step > 1 and fit.gain < LEAST_GAIN:
+                if fit.step > 1 and fit.gain < (LEAST_GAIN if fit.stage == len(HEATS) - 1 else STAGE_GAIN):
                     _end_stage(s)
                     continue
                 _start_pass(s, fit.proposed, False)
