@@ -9,7 +9,7 @@ from ..prediction import PREDICTION
 from ..records import record
 from .fit import KNOTS, LATE, LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
-from .leg import N_NUMBERS, N_SHEET, N_STATES
+from .leg import N_NUMBERS, N_SHEET, N_SPACE, N_STATES
 
 HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and where it may begin earlier
 WINDOWS, WAITING = 10, 3  # windows that the fit sees; that wait for the end of a pass
@@ -57,8 +57,9 @@ FIT = record(
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     late=(f, (LATE, 2)), late_S=(f, (LATE, 2, N_COLUMNS)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
-    C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (16,)), L=(f, (N_NUMBERS, N_NUMBERS)),
-    proposed=(f, (N_NUMBERS,)), of_window=(f, (N_NUMBERS,)), before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
+    C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (N_SPACE,)), L=(f, (N_NUMBERS, N_NUMBERS)),
+    proposed=(f, (N_NUMBERS,)), of_window=(f, (N_NUMBERS,)),
+    before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
     was_known=i, held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
     folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f,
     aside_H=(f, (N_NUMBERS, N_NUMBERS)), aside_g=(f, (N_NUMBERS,)), aside_cost=f, folded_until=i, folding=i, to_fold=i,
@@ -72,7 +73,7 @@ INVERSE = record(
     r=(f, (4 * AHEAD,)), r2=(f, (4 * AHEAD,)), J=(f, (4 * AHEAD, AHEAD)), S=(f, (N_STATES, AHEAD)), path=(f, (AHEAD + 1, N_STATES)),
     path2=(f, (AHEAD + 1, N_STATES)), H=(f, (AHEAD, AHEAD)), L=(f, (AHEAD, AHEAD)), step=(f, (AHEAD,)), U2=(f, (AHEAD,)),
     s=(f, (N_STATES,)), steady=(f, (AHEAD,)),
-    w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
+    w=(f, (N_SPACE,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
     filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
     whole=i,
 )  # fmt: skip
@@ -83,7 +84,7 @@ REFERENCE = record(  # the nearest tick first
 )  # fmt: skip
 EXPECTED = record(
     S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)), d_now=(f, (N_NUMBERS,)),
-    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), lag_m=f, w=(f, (16,)),
+    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), lag_m=f, w=(f, (N_SPACE,)),
     scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, plain_V=f, loop=LOOP,
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,

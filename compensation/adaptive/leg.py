@@ -31,21 +31,22 @@ NAMES = (
     "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
     "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "turbulent_Pa", "laminar", "leak", "leak_tank",
     "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
-    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s",
+    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s", "notch",
     "skew_up_V", "skew_dn_V", "leak_supply", "leak_supply_top", "leak_tank_top",  # of a four-way valve alone
 )  # fmt: skip
-N_NUMBERS, N_SPOOL = 40, 5
+N_NUMBERS, N_SPOOL = 41, 5
 (
     LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, TURBULENT, LAMINAR, LEAK,
     LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, LN_REG,
-    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, SKEW_UP, SKEW_DN, LEAK_SUPPLY,
-    LEAK_SUPPLY_TOP, LEAK_TANK_TOP,
+    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, NOTCH, SKEW_UP, SKEW_DN,
+    LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP,
 ) = range(N_NUMBERS)  # fmt: skip
 # places in a sheet (N_SHEET,): what is declared
 (
     S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_OWN,
 ) = range(14)  # fmt: skip
 N_SHEET = 14
+N_SPACE = 17  # of an opening, an orifice and a chamber, with their derivatives
 ATMOSPHERE_Pa = 1.0e5
 LEAST_PRESSURE_Pa = 1.0e4
 LEAST_COLUMN_m = 1e-3
@@ -58,8 +59,9 @@ def valve_lag_s(n):
 
 
 @compiled
-def opening(travel, s, b, b2, out):
-    """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2. out (5,): it, and by travel, ln s, b, b2."""
+def opening(travel, s, notch, b, b2, out):
+    """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2; notch: share that its linear part lacks. out (6,): it,
+    and by travel, ln s, b, b2, notch."""
     q = travel / s
     if q > 30.0:
         a, p, lns = travel, 1.0, 0.0
@@ -69,11 +71,11 @@ def opening(travel, s, b, b2, out):
         p = e / (1.0 + e)
         lns = a - travel * p
     else:
-        out[0] = out[1] = out[2] = out[3] = out[4] = 0.0
+        out[0] = out[1] = out[2] = out[3] = out[4] = out[5] = 0.0
         return
-    slope = 1.0 + a * (2.0 * b + 3.0 * b2 * a)
-    out[0] = a * (1.0 + a * (b + b2 * a))
-    out[1], out[2], out[3], out[4] = slope * p, slope * lns, a * a, a * a * a
+    slope = 1.0 - notch + a * (2.0 * b + 3.0 * b2 * a)
+    out[0] = a * (1.0 - notch + a * (b + b2 * a))
+    out[1], out[2], out[3], out[4], out[5] = slope * p, slope * lns, a * a, a * a * a, -a
 
 
 @compiled
@@ -98,7 +100,8 @@ def orifice(o, dp, turbulent, laminar, out):
 @compiled
 def behind_line(q, o, dp, gain, line):
     """What `orifice` gave of o and dp, with a laminar return line [Pa s/m3] behind, where gain times it flows: that of dp - line gain q,
-    by one step of Newton from no flow (within (line gain q/dp)^2/8). q (7,): it, and its derivatives; [5] by gain over it, [6] by line."""
+    by one step of Newton from no flow (within (line gain q/dp)^2/8). q (7,): it, and its derivatives; [5] by gain, over it, [6] by the
+    line."""
     f = q[0]
     if f == 0.0:
         q[5] = q[6] = 0.0
@@ -230,7 +233,7 @@ def tangent(
     gu, gd = flow * th[GAIN_UP], flow * th[GAIN_DN]
     tank, m = sheet[S_TANK], th[MASS] * sheet[S_OWN]
     edge = split * SUBSTEPS
-    o, q, c = w[0:5], w[5:12], w[12:16]
+    o, q, c = w[0:6], w[6:13], w[13:17]
     Sy, Sv, S1, S2, Sx, Sd, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[XD], S[Z], S[M1], S[M2]
     if not four:
         x[P2] = x[M2] = supply
@@ -270,19 +273,20 @@ def tangent(
             q2 += th[LEAK_SUPPLY_TOP] * (supply - x[P2]) - th[LEAK_TANK_TOP] * (x[P2] - tank)
             q1_1 -= th[LEAK_SUPPLY]
             q2_2 -= th[LEAK_SUPPLY_TOP] + th[LEAK_TANK_TOP]
-        u1 = u1d = u1s = u1b = u1c = u1t = u1l = 0.0
-        u2 = u2d = u2s = u2b = u2c = u2t = u2l = u2r = 0.0
-        opening(middle - th[DEAD_UP], s_up, th[BEND], th[BEND2], o)
+        u1 = u1d = u1s = u1b = u1c = u1n = u1t = u1l = 0.0
+        u2 = u2d = u2s = u2b = u2c = u2n = u2t = u2l = u2r = 0.0
+        opening(middle - th[DEAD_UP], s_up, th[NOTCH], th[BEND], th[BEND2], o)
         if o[0] > 0.0:
             orifice(o[0], supply - x[P1], th[TURBULENT], th[LAMINAR], q)
             q1 += gu * q[0]
             u1, slope = flow * q[0], gu * q[1]
             q1x += slope * o[1]
             u1d, u1s, u1b, u1c = slope * o[1], slope * o[2] * rounds_up, slope * o[3], slope * o[4]
+            u1n = slope * o[5]
             q1_1 -= gu * q[2]
             u1t, u1l = gu * q[3], gu * q[4]
         if four:
-            opening(middle - th[DEAD_UP] - th[SKEW_UP], s_up, th[BEND], th[BEND2], o)
+            opening(middle - th[DEAD_UP] - th[SKEW_UP], s_up, th[NOTCH], th[BEND], th[BEND2], o)
             if o[0] > 0.0:
                 orifice(o[0], x[P2] - tank, th[TURBULENT], th[LAMINAR], q)
                 behind_line(q, o[0], x[P2] - tank, gu, th[RETURN])
@@ -290,10 +294,11 @@ def tangent(
                 u2, slope = -flow * q[5], -gu * q[1]
                 q2x += slope * o[1]
                 u2d, u2s, u2b, u2c = slope * o[1], slope * o[2] * rounds_up, slope * o[3], slope * o[4]
+                u2n = slope * o[5]
                 q2_2 -= gu * q[2]
                 u2t, u2l, u2r = -gu * q[3], -gu * q[4], -gu * q[6]
         d1 = d1d = d1s = d1r = d2 = d2d = d2s = 0.0
-        opening(-middle - th[DEAD_DN], s_dn, th[BEND], th[BEND2], o)
+        opening(-middle - th[DEAD_DN], s_dn, th[NOTCH], th[BEND], th[BEND2], o)
         if o[0] > 0.0:
             orifice(o[0], x[P1] - tank, th[TURBULENT], th[LAMINAR], q)
             behind_line(q, o[0], x[P1] - tank, gd, th[RETURN])
@@ -303,12 +308,13 @@ def tangent(
             d1d, d1s = slope * o[1], slope * o[2] * rounds_dn
             u1b += slope * o[3]
             u1c += slope * o[4]
+            u1n += slope * o[5]
             q1_1 -= gd * q[2]
             u1t -= gd * q[3]
             u1l -= gd * q[4]
             d1r = -gd * q[6]
         if four:
-            opening(-middle - th[DEAD_DN] - th[SKEW_DN], s_dn, th[BEND], th[BEND2], o)
+            opening(-middle - th[DEAD_DN] - th[SKEW_DN], s_dn, th[NOTCH], th[BEND], th[BEND2], o)
             if o[0] > 0.0:
                 orifice(o[0], supply - x[P2], th[TURBULENT], th[LAMINAR], q)
                 q2 += gd * q[0]
@@ -317,6 +323,7 @@ def tangent(
                 d2d, d2s = slope * o[1], slope * o[2] * rounds_dn
                 u2b += slope * o[3]
                 u2c += slope * o[4]
+                u2n += slope * o[5]
                 q2_2 -= gd * q[2]
                 u2t += gd * q[3]
                 u2l += gd * q[4]
@@ -431,6 +438,7 @@ def tangent(
                 S2[LEAK_TANK_TOP] -= k2 * (x[P2] - tank)
                 S2[BEND] += k2 * u2b
                 S2[BEND2] += k2 * u2c
+                S2[NOTCH] += k2 * u2n
                 S2[TURBULENT] += k2 * u2t
                 S2[LAMINAR] += k2 * u2l
                 S2[LEAK] -= k2 * across
@@ -457,6 +465,7 @@ def tangent(
                 S1[LEAK_SUPPLY] += k * (supply - x[P1])
             S1[BEND] += k * u1b
             S1[BEND2] += k * u1c
+            S1[NOTCH] += k * u1n
             S1[TURBULENT] += k * u1t
             S1[LAMINAR] += k * u1l
             S1[LEAK] += k * across

@@ -39,6 +39,7 @@ from .leg import (
     LN_STRIBECK,
     MASS,
     N_NUMBERS,
+    NOTCH,
     PLAY,
     POSITION_LAG,
     PRESSURE_LAG,
@@ -126,7 +127,8 @@ def fill_prior(fit, settings, hold_N):
     one(fit, DEAD_UP, 0.06 * volts, 0.12 * volts, -0.6 * volts, 2.0 * volts)
     one(fit, DEAD_DN, 0.06 * volts, 0.12 * volts, -0.6 * volts, 2.0 * volts)
     one(fit, LN_ROUND, log(0.012 * volts), 0.9, log(1e-3 * volts), log(0.2 * volts))
-    one(fit, BEND, 0.0, 0.2 / volts, -0.6 / volts, 1.0 / volts)
+    one(fit, NOTCH, 0.0, 0.1, 0.0, 1.0)
+    one(fit, BEND, 0.0, 0.2 / volts, -0.6 / volts, 2.0 / volts)
     one(fit, BEND2, 0.0, 0.1 / volts**2, -0.3 / volts**2, 0.5 / volts**2)
     if settings.spool_frequency_Hz > 0.0:
         one(fit, LN_SPOOL, log(settings.spool_frequency_Hz), 0.25, log(10.0), log(500.0))
@@ -141,7 +143,9 @@ def fill_prior(fit, settings, hold_N):
     leak = 1e-12 * settings.area_bottom_m2 / 1.257e-3 * settings.velocity_gain_m_s_V / 0.15
     for k in (LEAK, LEAK_TANK, LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP):
         one(fit, k, 0.0, leak, -20.0 * leak, 20.0 * leak)
-    back = 0.01 * settings.supply_pressure_Pa / (settings.velocity_gain_m_s_V * settings.area_bottom_m2)  # at the flow of a volt
+    back = (
+        0.01 * settings.supply_pressure_Pa / (settings.velocity_gain_m_s_V * settings.area_bottom_m2)
+    )  # at the flow of a volt
     one(fit, RETURN, 0.0, back, 0.0, 10.0 * back)
     for k in (SKEW_UP, SKEW_DN):
         one(fit, k, 0.0, 0.02 * volts, -0.2 * volts, 0.2 * volts)

@@ -24,11 +24,16 @@ TRUE = dict(
     dead_dn_V=0.05, ln_round_V=-4.0, bend=0.05, bend2=0.02, turbulent_Pa=6e4, laminar=50.0, leak=1e-12, leak_tank=1e-12, soft=0.2,
     air=0.005, mass=50.0, hold=490.0, coulomb_up=80.0, coulomb_dn=70.0, static_up=30.0, static_dn=25.0, viscous_up=2000.0,
     viscous_dn=1700.0, ln_stribeck=math.log(5e-3), ln_reg=math.log(3e-4), ln_bristle=math.log(3e7), pressure_lag_s=4e-4,
-    position_lag_s=3e-4, spring=2e3, ln_round_ratio=0.3, drift_V_s=0.0, return_line=5e8, skew_up_V=0.01, skew_dn_V=-0.01, leak_supply=5e-13,
+    position_lag_s=3e-4, spring=2e3, ln_round_ratio=0.3, drift_V_s=0.0,
+    notch=0.1, return_line=5e8, skew_up_V=0.01, skew_dn_V=-0.01, leak_supply=5e-13,
     leak_supply_top=4e-13, leak_tank_top=6e-13,
 )  # fmt: skip
 PASS_s = 0.5  # within which the fit has seen what is now
-OUTSIDE = ("play_V", "position_lag_s", "drift_V_s")  # before and behind the leg: of the volts that reach it, and of what is read
+OUTSIDE = (
+    "play_V",
+    "position_lag_s",
+    "drift_V_s",
+)  # before and behind the leg: of the volts that reach it, and of what is read
 
 
 def _sheet(four_way: bool) -> np.ndarray:
@@ -53,7 +58,7 @@ def _ticks(
     volts = 0.3 * np.cos(np.arange(65) * 2 * np.pi / 60) + 0.02 * np.sin(np.arange(65))
     whole = int(numbers[model.DELAY] / 2e-3)
     split = numbers[model.DELAY] / 2e-3 - whole
-    space = np.zeros(16)
+    space = np.zeros(model.N_SPACE)
     for k in range(60):
         now, before = volts[k + 4 - whole], volts[k + 3 - whole]
         if S is None:
@@ -114,7 +119,9 @@ def test_a_window_knows_what_its_start_does(four_way) -> None:
         x, S, none = np.zeros(model.N_STATES), np.zeros((model.N_STATES, fit.N_COLUMNS)), np.zeros((2, fit.N_COLUMNS))
         fit.begin_window(x, S, numbers, sheet, moved, volts, half, *none)
         for k in range(30):
-            fit.tick_window(x, S, k, *none, numbers, sheet, moved, fit.N_STATE, volts, half, 7e6, 30.0, np.zeros(16))
+            fit.tick_window(
+                x, S, k, *none, numbers, sheet, moved, fit.N_STATE, volts, half, 7e6, 30.0, np.zeros(model.N_SPACE)
+            )
         return x, S
 
     S = end(start)[1]
@@ -271,11 +278,13 @@ def test_a_spring_is_found() -> None:
     assert done.peaks()[-2:].max() < 0.25 * done.peaks()[1:3].max()
 
 
-def test_a_leg_that_its_model_describes_roughly_is_no_worse() -> None:
-    """A valve of the quadratic law, which the model lacks (misfit 3 to 4): no period is worse than plain control's by a tenth."""
+def test_a_valve_of_the_quadratic_law_is_known() -> None:
+    """A valve of Eq. 3.11, whose opening has no linear part, undeclared: no period is worse than plain control's by a tenth, and a fifth
+    of its bump is left from 16 s on. Without a law of its own the leg engaged, was worse and left."""
     plain = run(compensation.create("none"), Leg(quadratic=True), duration_s=20.0, seed=31)
     done = run(compensation.create("adaptive"), Leg(quadratic=True), duration_s=20.0, seed=31)
     assert (done.peaks() < 1.1 * plain.peaks()).all()
+    assert done.peak(16.0, 20.0) < 0.2 * plain.peak(8.0, 16.0)
 
 
 def test_a_leg_that_its_model_does_not_describe_stays_out() -> None:
@@ -295,11 +304,11 @@ def test_a_drifting_null_is_followed() -> None:
     errors, and a fifth of the bump is left from 12 s on. Without the rate the leg is none that the model knows."""
     made, leg = compensation.create("adaptive"), Leg(drift_V_s=5e-3)
     done = run(made, leg, duration_s=16.0, seed=35)
-    assert made.parameters(done.state)["numbers"]["drift_V_s"] == pytest.approx(5e-3, abs=1e-4)
+    assert made.parameters(done.state)["numbers"]["drift_V_s"] == pytest.approx(-5e-3, abs=1e-4)
     known = made.knows(done.state)
     assert known is not None
     up, down = (next(e for e in known.estimates if e.name == f"edge, {way}") for way in ("extending", "retracting"))
-    shift = 0.5 * (up.value - down.value)  # [mV]: half of what the edges differ by
+    shift = 0.5 * (down.value - up.value)  # [mV]: half of what the edges differ by
     assert shift == pytest.approx(5.0 * 16.0, abs=3.0 * math.hypot(up.error, down.error) / 2.0 + 5.0 * PASS_s)
     bump = run(compensation.create("none"), leg, duration_s=10.0, seed=35).peak(4.0, 10.0)
     assert done.peak(12.0, 16.0) < 0.2 * bump
@@ -308,7 +317,13 @@ def test_a_drifting_null_is_followed() -> None:
 def test_the_four_edges_and_leaks_of_a_four_way_valve_are_its_own() -> None:
     """Overlaps that differ by 6 um from supply to tank edge and unlike leaks of both chambers, undeclared: a quarter of the bump is left
     and no more reversals are worse than plain control's own. With one overlap for both edges of a direction the misfit is above 50."""
-    unlike = {"edge_skew_m": 3e-6, "leak_supply_1": 2e-13, "leak_1_tank": 1.4e-12, "leak_2_tank": 2.4e-12, "overlap_m": 2e-5}
+    unlike = {
+        "edge_skew_m": 3e-6,
+        "leak_supply_1": 2e-13,
+        "leak_1_tank": 1.4e-12,
+        "leak_2_tank": 2.4e-12,
+        "overlap_m": 2e-5,
+    }
     drawn = draw_leg(0, family="single", declared="nothing", four_way=True, changes=unlike | {"return_Pa_s_m3": 1e8})
     motion = motion_of("sine", 0)
     plain, again = run_plain(drawn, motion), run_plain(drawn, motion, noise=1)

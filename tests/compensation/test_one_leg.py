@@ -56,7 +56,7 @@ def off(log: dict[str, np.ndarray], first: int, **changes: float) -> tuple[float
     x = np.zeros(leg.N_STATES)
     x[[leg.Y, leg.V, leg.P1, leg.P2, leg.X, leg.AMP]] = y[first], v[first], P1[first], 7e6, spool[first], volts[first]
     x[leg.XD], x[leg.Z] = (spool[first + 1] - spool[first - 1]) / 2e-3, math.copysign(62.5 / 3e8, v[first])
-    none, work = np.zeros((leg.N_STATES, 1)), np.zeros(16)
+    none, work = np.zeros((leg.N_STATES, 1)), np.zeros(leg.N_SPACE)
     rows, found = first + 2 + 2 * np.arange(WINDOW), np.empty((2, WINDOW))
     for k in range(WINDOW):
         leg.tick(x, none, n, sheet, volts[first + 2 * k], volts[first + 2 * k], 0.0, 7e6, 0.0, work)
