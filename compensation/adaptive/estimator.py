@@ -110,7 +110,7 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
             past.volts[j] = volts_before
     past.supply_mean_Pa += 0.1 * (supply_Pa - past.supply_mean_Pa)
     past.position_m[k], past.bottom_Pa[k], past.top_Pa[k] = position_m, bottom_Pa, top_Pa
-    past.supply_Pa[k] = past.supply_mean_Pa
+    past.supply_Pa[k] = supply_Pa
     past.volts[(past.ticks - 1) & (HISTORY - 1)] = volts_before
     past.ticks += 1
     if past.ticks > 8:
@@ -186,7 +186,9 @@ def collect(s):
             past.bottom_Pa[k],
             past.top_Pa[k],
         )
-        window.supply_Pa[j], window.pose_m_s2[j] = past.supply_Pa[k], past.pose_m_s2[k]
+        window.supply_Pa[j], window.pose_m_s2[j] = 0.0, past.pose_m_s2[k]
+        for i in range(-HALF_SPAN, HALF_SPAN + 1):
+            window.supply_Pa[j] += past.supply_Pa[(at + j + i) & m] / (2 * HALF_SPAN + 1)
         if s.platform:
             window.forces_N[j] = past.forces_N[k]
             window.speeds_m_s[j] = past.speeds_m_s[k]
