@@ -98,8 +98,6 @@ def test_every_number_of_a_module_says_its_unit_or_reason():
     """Beside it, in a comment on its lines, or on the line before or behind it."""
     bare, n = [], 0
     for path in (path for room in ("hexsim", "compensation") for path in (ROOT / room).rglob("*.py")):
-        if path.parent.name == "adaptive":  # ten of its numbers do not yet
-            continue
         text = path.read_text()
         lines = ["", *text.splitlines(), ""]
         for node in ast.parse(text).body:

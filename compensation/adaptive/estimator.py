@@ -76,7 +76,7 @@ NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside t
 # Other minima that are tried about what was found, in turn: a stiffer bristle; a spool that has all of the valve's lag, which is known
 # better than its parts; a faster one; a wider backlash: by ELSEWHERE of the prior's standard deviations
 BRISTLE, ALL_SPOOL, FAST_SPOOL, WIDE = range(4)
-TRIES, ELSEWHERE, SHORTEST_LAG_s = 4, 1.5, 1e-4
+TRIES, ELSEWHERE, SHORTEST_LAG_s = WIDE + 1, 1.5, 1e-4  # a lag far below a tick
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
 WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
 HALF_SPAN = 8  # ticks on either side of a speed

@@ -24,9 +24,9 @@ from math import exp, log1p, sqrt
 
 from ..compiled import compiled
 
-SUBSTEPS = 10
-(Y, V, P1, P2, X, XD, AMP, Z, M1, M2) = range(10)
-N_STATES = 10
+SUBSTEPS = 10  # of a tick: 0.2 ms
+N_STATES = 10  # y to the pressures as measured
+(Y, V, P1, P2, X, XD, AMP, Z, M1, M2) = range(N_STATES)
 NAMES = (
     "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
     "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "turbulent_Pa", "laminar", "leak", "leak_tank",
@@ -34,22 +34,21 @@ NAMES = (
     "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s", "notch",
     "skew_up_V", "skew_dn_V", "leak_supply", "leak_supply_top", "leak_tank_top",  # of a four-way valve alone
 )  # fmt: skip
-N_NUMBERS, N_SPOOL = 41, 5
+N_NUMBERS, N_SPOOL = len(NAMES), 5  # of these the first act on the spool
 (
     LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, TURBULENT, LAMINAR, LEAK,
     LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, LN_REG,
     LN_BRISTLE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, NOTCH, SKEW_UP, SKEW_DN,
     LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP,
 ) = range(N_NUMBERS)  # fmt: skip
-# places in a sheet (N_SHEET,): what is declared
+N_SHEET = 14  # places in a sheet (N_SHEET,): what is declared
 (
     S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_OWN,
-) = range(14)  # fmt: skip
-N_SHEET = 14
+) = range(N_SHEET)  # fmt: skip
 N_SPACE = 17  # of an opening, an orifice and a chamber, with their derivatives
-ATMOSPHERE_Pa = 1.0e5
-LEAST_PRESSURE_Pa = 1.0e4
-LEAST_COLUMN_m = 1e-3
+ATMOSPHERE_Pa = 1.0e5  # of free air, as its share is counted
+LEAST_PRESSURE_Pa = 1.0e4  # below, oil boils, which this leg does not know
+LEAST_COLUMN_m = 1e-3  # of oil, so that a reading beyond an end of the stroke has a volume
 
 
 @compiled

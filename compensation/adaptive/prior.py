@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from math import log, pi, tan
 
+import numpy as np
+
 from ..compiled import compiled
 from .fit import N_STATE, STATE_SCALE
 from .inverse import FELT_HZ
+from .layout import MOST_DELAY
 from .leg import (
     AIR,
     AMP_LAG,
@@ -70,19 +73,66 @@ from .leg import (
     ZETA,
 )  # fmt: skip
 
-GRAVITY_m_s2 = 9.81
-USUAL_SPOOL_HZ = 65.0
-# friction up and down are alike within this share of their own standard deviation, gains too; mass and held force by gravity
-PAIRS = ((COULOMB_UP, COULOMB_DN), (STATIC_UP, STATIC_DN), (VISCOUS_UP, VISCOUS_DN), (GAIN_UP, GAIN_DN))
-PAIR_SD = (0.3, 0.3, 0.3, 0.25)
+GRAVITY_m_s2 = 9.81  # between a held force and a mass
+NONE = 1e300  # no bound
+# units of the figures below: numerator and denominator in `fill_prior`
+(
+    ONE, VOLTS, PER_VOLT, PER_VOLT2, VOLTS2, FORCE, FORCE_A_STROKE, FORCE_A_SPEED, WEIGHT, HELD, LEAKS, PER_FLOW, STIFFNESS,
+    STRIBECK,
+) = range(14)  # fmt: skip
+# Number, mean, standard deviation, lowest, highest, unit; and 1 where the number is a logarithm: of that mean and those bounds. All are
+# assumed: what machines of one kind differ by, and where the equations are still those of a leg.
+TABLE = np.array([
+    (GAIN_UP, 1.0, 0.2, 0.3, 3.0, ONE, 0),  # of the sheet's flow
+    (GAIN_DN, 1.0, 0.2, 0.3, 3.0, ONE, 0),
+    (DEAD_UP, 0.06, 0.12, -0.6, 2.0, VOLTS, 0),  # from an underlap to twice the half dead band that is possible
+    (DEAD_DN, 0.06, 0.12, -0.6, 2.0, VOLTS, 0),
+    (LN_ROUND, 0.012, 0.9, 1e-3, 0.2, VOLTS, 1),  # a fifth of the dead band that is expected: edges worn round, clearance
+    (LN_ROUND_RATIO, 0.0, 0.3, -1.5, 1.5, ONE, 0),  # retracting edges over extending ones: worn unlike
+    (NOTCH, 0.0, 0.1, 0.0, 1.0, ONE, 0),  # share of the linear part that is missing: 1 in the quadratic law, Eq. 3.11
+    (BEND, 0.0, 0.2, -0.6, 2.0, PER_VOLT, 0),  # ports neither straight nor round; of the quadratic law 1
+    (BEND2, 0.0, 0.1, -0.3, 0.5, PER_VOLT2, 0),
+    (LN_SPOOL, 65.0, 0.6, 10.0, 500.0, ONE, 1),  # [Hz] servo valves; what a sheet gives: `fill_prior`
+    (ZETA, 0.75, 0.3, 0.15, 2.5, ONE, 0),  # from a spool that rings to one that creeps
+    (AMP_LAG, 5e-4, 8e-4, 0.0, 6e-3, ONE, 0),  # [s] a corner of 300 Hz
+    (DELAY, 1e-3, 3e-3, 0.0, 0.0, ONE, 0),  # [s] of a bus; its highest: `fill_prior`
+    (PLAY, 0.01, 0.015, 0.0, 0.2, VOLTS, 0),  # hysteresis of a torque motor
+    (DRIFT, 0.0, 1e-3, -0.02, 0.02, VOLTS, 0),  # [a second] of the null: a tenth of its spread in 10 s
+    (SKEW_UP, 0.0, 0.02, -0.2, 0.2, VOLTS, 0),  # of a tank edge beside its supply edge: lands ground to 2 um
+    (SKEW_DN, 0.0, 0.02, -0.2, 0.2, VOLTS, 0),
+    (TURBULENT, 6e4, 2e5, 10.0, 3e6, ONE, 0),  # [Pa] drop above which the flow goes with its root
+    (LAMINAR, 20.0, 2e3, 20.0, 1e6, VOLTS2, 0),  # [Pa] the same for a narrow slit
+    (LEAK, 0.0, 1.0, -20.0, 20.0, LEAKS, 0),  # of either sign, for it stands beside what the dead band lets through
+    (LEAK_TANK, 0.0, 1.0, -20.0, 20.0, LEAKS, 0),
+    (LEAK_SUPPLY, 0.0, 1.0, -20.0, 20.0, LEAKS, 0),
+    (LEAK_SUPPLY_TOP, 0.0, 1.0, -20.0, 20.0, LEAKS, 0),
+    (LEAK_TANK_TOP, 0.0, 1.0, -20.0, 20.0, LEAKS, 0),
+    (RETURN, 0.0, 0.01, 0.0, 0.1, PER_FLOW, 0),  # a hundredth of the supply at the flow of a volt
+    (SOFT, 0.25, 0.4, -0.5, 5.0, ONE, 0),  # of the sheet's compressibility: hoses
+    (AIR, 0.002, 0.005, 0.0, 0.1, ONE, 0),  # of the volume, free air at one bar
+    (MASS, 1.0, 0.25, 0.3, 4.0, WEIGHT, 0),  # a leg moves more and less than what it holds
+    (HOLD, 0.0, 0.05, -NONE, NONE, HELD, 0),  # its mean is what was held: `fill_prior`
+    (SPRING, 0.0, 0.1, -NONE, NONE, FORCE_A_STROKE, 0),  # cables
+    (COULOMB_UP, 0.01, 0.008, 1e-4, NONE, FORCE, 0),  # seals: from a hydrostatic bearing to 3 %
+    (COULOMB_DN, 0.01, 0.008, 1e-4, NONE, FORCE, 0),
+    (STATIC_UP, 0.0035, 0.0035, 0.0, NONE, FORCE, 0),  # break-away, on top: a third of it
+    (STATIC_DN, 0.0035, 0.0035, 0.0, NONE, FORCE, 0),
+    (VISCOUS_UP, 0.035, 0.0175, 0.0, NONE, FORCE_A_SPEED, 0),
+    (VISCOUS_DN, 0.035, 0.0175, 0.0, NONE, FORCE_A_SPEED, 0),
+    (LN_STRIBECK, 1.0, 0.8, 1.0, 1.0, STRIBECK, 1),  # its bounds: `fill_prior`
+    (LN_REG, 2.5e-4, 1.0, 2e-5, 5e-2, ONE, 1),  # [m/s] within which friction turns
+    (LN_BRISTLE, 1.0, 1.5, 0.015, 1000.0, STIFFNESS, 1),
+    (PRESSURE_LAG, 4e-4, 1e-3, 0.0, 0.01, ONE, 0),  # [s] a corner of 400 Hz, at least 16 Hz
+    (POSITION_LAG, 2e-4, 7e-4, 0.0, 0.01, ONE, 0),  # [s] a corner of 800 Hz, at least 16 Hz
+])  # fmt: skip
+# Two numbers are alike within a share of the first one's standard deviation
+PAIRS = np.array([
+    (COULOMB_UP, COULOMB_DN, 0.3), (STATIC_UP, STATIC_DN, 0.3), (VISCOUS_UP, VISCOUS_DN, 0.3), (GAIN_UP, GAIN_DN, 0.25),
+])  # fmt: skip
+MASS_PAIR = 0.1  # of the mass, by which it differs from the held force over gravity
 # standard deviations between the legs of one machine, over that between machines: equally likely before they are measured
 LEGS_ALIKE = (0.01, 0.03, 0.1, 0.3)
-BETWEEN_RUNS = 0.1  # of a number's prior, between two runs: oil's temperature, wear
-HOLD_SHARE, MASS_SHARE, MASS_PAIR = (
-    0.05,
-    0.25,
-    0.1,
-)  # of the held force, of the mass; mass beside held force over gravity
+BETWEEN_RUNS = 0.1  # of a number between two runs: oil's temperature, wear
 
 
 @compiled
@@ -108,66 +158,59 @@ def fill_sheet(sheet, settings):
 
 
 @compiled
-def one(fit, k, mean, sd, low, high):
-    """A number's prior and its bounds."""
-    fit.mean[k], fit.sd[k], fit.low[k], fit.high[k] = mean, sd, low, high
+def unit_of(unit, settings, hold_N):
+    """What a figure of the table is multiplied with and divided by."""
+    force, volts = settings.area_bottom_m2 * settings.supply_pressure_Pa, settings.edge_V / 0.5
+    if unit == VOLTS:
+        return volts, 1.0
+    if unit == PER_VOLT:
+        return 1.0, volts
+    if unit == PER_VOLT2:
+        return 1.0, volts**2
+    if unit == VOLTS2:
+        return volts**2, 1.0
+    if unit == FORCE:
+        return force, 1.0
+    if unit == FORCE_A_STROKE:
+        return force, settings.stroke_m
+    if unit == FORCE_A_SPEED:  # the speed that a volt gives
+        return force, settings.velocity_gain_m_s_V
+    if unit == WEIGHT:
+        return settings.load_over_weight * max(abs(hold_N), 0.01 * force) / GRAVITY_m_s2, 1.0
+    if unit == HELD:
+        return max(abs(hold_N), 0.02 * force), 1.0
+    # as on the 600 kg machine: 1e-12 m3/s/Pa with 1.257e-3 m2 and 0.15 m/s/V, 3.5e7 N/m with 8800 N
+    if unit == LEAKS:
+        return 1e-12 * settings.area_bottom_m2 / 1.257e-3 * settings.velocity_gain_m_s_V / 0.15, 1.0
+    if unit == PER_FLOW:
+        return settings.supply_pressure_Pa, settings.velocity_gain_m_s_V * settings.area_bottom_m2
+    if unit == STIFFNESS:
+        return 3.5e7 * force / 8800.0, 1.0
+    if unit == STRIBECK:
+        return settings.stribeck_velocity_m_s, 1.0
+    return 1.0, 1.0
 
 
 @compiled
 def fill_prior(fit, settings, hold_N):
     """hold_N: force that the pressures held on the mean of up and down."""
-    force = settings.area_bottom_m2 * settings.supply_pressure_Pa
-    volts = settings.edge_V / 0.5
-    viscous = 0.035 * force / settings.velocity_gain_m_s_V  # at the speed that a volt gives
-    mass = settings.load_over_weight * max(abs(hold_N), 0.01 * force) / GRAVITY_m_s2
     fit.mass_over_hold = settings.load_over_weight / GRAVITY_m_s2
-    none = 1e300
-    one(fit, GAIN_UP, 1.0, 0.2, 0.3, 3.0)
-    one(fit, GAIN_DN, 1.0, 0.2, 0.3, 3.0)
-    one(fit, DEAD_UP, 0.06 * volts, 0.12 * volts, -0.6 * volts, 2.0 * volts)
-    one(fit, DEAD_DN, 0.06 * volts, 0.12 * volts, -0.6 * volts, 2.0 * volts)
-    one(fit, LN_ROUND, log(0.012 * volts), 0.9, log(1e-3 * volts), log(0.2 * volts))
-    one(fit, NOTCH, 0.0, 0.1, 0.0, 1.0)
-    one(fit, BEND, 0.0, 0.2 / volts, -0.6 / volts, 2.0 / volts)
-    one(fit, BEND2, 0.0, 0.1 / volts**2, -0.3 / volts**2, 0.5 / volts**2)
+    for i in range(N_NUMBERS):
+        k, is_log = int(TABLE[i, 0]), TABLE[i, 6] == 1.0
+        over, under = unit_of(int(TABLE[i, 5]), settings, hold_N)
+        mean, sd, low, high = (
+            TABLE[i, 1] * over / under,
+            TABLE[i, 2] if is_log else TABLE[i, 2] * over / under,
+            TABLE[i, 3] * over / under,
+            TABLE[i, 4] * over / under,
+        )
+        if is_log:
+            mean, low, high = log(mean), log(low), log(high)
+        fit.mean[k], fit.sd[k], fit.low[k], fit.high[k] = mean, sd, low, high
+    fit.mean[HOLD], fit.high[DELAY] = hold_N, (MOST_DELAY - 0.1) * settings.tick_s
+    fit.low[LN_STRIBECK], fit.high[LN_STRIBECK] = log(5e-4), log(0.08)  # [m/s]
     if settings.spool_frequency_Hz > 0.0:
-        one(fit, LN_SPOOL, log(settings.spool_frequency_Hz), 0.25, log(10.0), log(500.0))
-    else:
-        one(fit, LN_SPOOL, log(USUAL_SPOOL_HZ), 0.6, log(10.0), log(500.0))
-    one(fit, ZETA, 0.75, 0.3, 0.15, 2.5)
-    one(fit, AMP_LAG, 5e-4, 8e-4, 0.0, 6e-3)
-    one(fit, DELAY, 1e-3, 3e-3, 0.0, 5.9 * settings.tick_s)
-    one(fit, PLAY, 0.01 * volts, 0.015 * volts, 0.0, 0.2 * volts)
-    one(fit, TURBULENT, 6e4, 2e5, 10.0, 3e6)
-    one(fit, LAMINAR, 20.0 * volts**2, 2e3 * volts**2, 20.0 * volts**2, 1e6 * volts**2)
-    leak = 1e-12 * settings.area_bottom_m2 / 1.257e-3 * settings.velocity_gain_m_s_V / 0.15
-    for k in (LEAK, LEAK_TANK, LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP):
-        one(fit, k, 0.0, leak, -20.0 * leak, 20.0 * leak)
-    back = (
-        0.01 * settings.supply_pressure_Pa / (settings.velocity_gain_m_s_V * settings.area_bottom_m2)
-    )  # at the flow of a volt
-    one(fit, RETURN, 0.0, back, 0.0, 10.0 * back)
-    for k in (SKEW_UP, SKEW_DN):
-        one(fit, k, 0.0, 0.02 * volts, -0.2 * volts, 0.2 * volts)
-    one(fit, DRIFT, 0.0, 1e-3 * volts, -0.02 * volts, 0.02 * volts)
-    one(fit, LN_ROUND_RATIO, 0.0, 0.3, -1.5, 1.5)
-    one(fit, SOFT, 0.25, 0.4, -0.5, 5.0)
-    one(fit, AIR, 0.002, 0.005, 0.0, 0.1)
-    one(fit, MASS, mass, MASS_SHARE * mass, 0.3 * mass, 4.0 * mass)
-    one(fit, HOLD, hold_N, HOLD_SHARE * max(abs(hold_N), 0.02 * force), -none, none)
-    one(fit, SPRING, 0.0, 0.1 * force / settings.stroke_m, -none, none)
-    for k in (COULOMB_UP, COULOMB_DN):
-        one(fit, k, 0.01 * force, 0.008 * force, 1e-4 * force, none)
-    for k in (STATIC_UP, STATIC_DN):
-        one(fit, k, 0.0035 * force, 0.0035 * force, 0.0, none)
-    for k in (VISCOUS_UP, VISCOUS_DN):
-        one(fit, k, viscous, 0.5 * viscous, 0.0, none)
-    one(fit, LN_STRIBECK, log(settings.stribeck_velocity_m_s), 0.8, log(5e-4), log(0.08))
-    one(fit, LN_REG, log(2.5e-4), 1.0, log(2e-5), log(5e-2))
-    bristle = 3.5e7 * force / 8800.0
-    one(fit, LN_BRISTLE, log(bristle), 1.5, log(0.015 * bristle), log(1000.0 * bristle))
-    one(fit, PRESSURE_LAG, 4e-4, 1e-3, 0.0, 0.01)
-    one(fit, POSITION_LAG, 2e-4, 7e-4, 0.0, 0.01)
+        fit.mean[LN_SPOOL], fit.sd[LN_SPOOL] = log(settings.spool_frequency_Hz), 0.25
     for k in range(N_NUMBERS):
         fit.scale[k] = fit.sd[k]
     for k in range(N_STATE):
@@ -188,10 +231,10 @@ def add_prior(fit, numbers, H, g):
         cost += fit.told_weight[k] * e * e
         H[k, k] += fit.told_weight[k]
         g[k] -= fit.told_weight[k] * e
-    for p in range(5):
-        if p < 4:
-            a, b = PAIRS[p]
-            wide, by_a, by_b = PAIR_SD[p] * fit.sd[a], 1.0, -1.0
+    for p in range(len(PAIRS) + 1):
+        if p < len(PAIRS):
+            a, b = int(PAIRS[p, 0]), int(PAIRS[p, 1])
+            wide, by_a, by_b = PAIRS[p, 2] * fit.sd[a], 1.0, -1.0
         else:
             a, b = MASS, HOLD
             sign = 1.0 if fit.mean[HOLD] >= 0.0 else -1.0
