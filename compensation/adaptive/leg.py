@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from math import exp, log1p, sqrt
 
-from ..compiled import compiled
+from ..compiled import compiled, inlined
 
 SUBSTEPS = 10
 (Y, V, P1, P2, X, XD, AMP, Z, M1, M2) = range(10)
@@ -54,7 +54,7 @@ def valve_lag_s(n):
     return n[ZETA] / 3.141592653589793 * exp(-n[LN_SPOOL]) + n[AMP_LAG] + n[DELAY]
 
 
-@compiled
+@inlined
 def opening(travel, s, b, b2, out):
     """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2. out (5,): it, and by travel, ln s, b, b2."""
     q = travel / s
@@ -73,7 +73,7 @@ def opening(travel, s, b, b2, out):
     out[1], out[2], out[3], out[4] = slope * p, slope * lns, a * a, a * a * a
 
 
-@compiled
+@inlined
 def orifice(o, dp, turbulent, laminar, out):
     """o dp/(dp^2 + (turbulent + laminar/o^2)^2)^(1/4). out: it, and its derivatives by o, dp, turbulent, laminar."""
     n = o * o
@@ -92,7 +92,7 @@ def orifice(o, dp, turbulent, laminar, out):
     out[4] = -k * w
 
 
-@compiled
+@inlined
 def capacity(volume, P, E, air, out):
     """Oil and free air (isothermal, volume fraction at one bar). out: dV/dP, and its derivatives by volume, P, air."""
     p = P if LEAST_PRESSURE_Pa < P else LEAST_PRESSURE_Pa
@@ -103,7 +103,7 @@ def capacity(volume, P, E, air, out):
     out[3] = volume * gas
 
 
-@compiled
+@inlined
 def sliding(v, reg):
     """v coth(v/reg), and its derivatives by v and ln reg."""
     q, sign = abs(v) / reg, 1.0 if v >= 0.0 else -1.0
@@ -116,7 +116,7 @@ def sliding(v, reg):
     return reg * q * coth, sign * (coth - q * inverse), reg * q * q * inverse
 
 
-@compiled
+@inlined
 def spool_step(x, S, moving, numbers, u, share, by_delay, d_now, d_before, gain_y, h, ka, dka, om, zeta):
     """One step h of amplifier and spool, and of their derivatives. u: volts, the share of them from before; by_delay: du by DELAY."""
     damped = 1.0 / (1.0 + 2.0 * zeta * om * h)
