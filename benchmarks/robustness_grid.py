@@ -7,6 +7,8 @@ learned. `--oracle`: and with the volts of a perfect inverse, so that a figure c
 Figures (benchmarks/grid/figures.py): worst bump of the second half without and with compensation, share left, reversals worse than
 plain control and worse than it with either noise, when the compensator engaged, and what keeps it out if it did not.
 
+`--host 60,jitter=0.2,loss=0.02`: setpoints come in a host's packets, and what they do not tell yet is predicted.
+
 `--family platform`: hexsim's own 600 kg hexapod in heave, its numbers drawn (benchmarks/grid/platform.py), `--declared right` or
 `sheet`.
 
@@ -46,6 +48,7 @@ from benchmarks.grid.motions import MOTIONS, Motion, motion_of  # noqa: E402
 from benchmarks.grid.oracle import perfect  # noqa: E402
 from benchmarks.grid.priors import SINGLE, table  # noqa: E402
 from benchmarks.journal import append, lines_of  # noqa: E402
+from compensation import preview_count  # noqa: E402
 
 __all__ = [
     "Figures",
@@ -97,8 +100,10 @@ def judged(case: Row) -> Row:
         }
     leg = draw_leg(case["seed"], case["family"], four_way=case["four_way"], declared=case["declared"])
     motion = motion_of(case["motion"], case["seed"])
-    plain, again = run_plain(leg, motion), run_plain(leg, motion, noise=1)
-    run = run_leg(compensation.create(case["compensator"]), leg, motion)
+    compensator, host = compensation.create(case["compensator"]), case.get("host", "")
+    look = preview_count(compensator, leg.context)
+    plain, again = (run_plain(leg, motion, noise=k, host=host, look=look) for k in (0, 1))
+    run = run_leg(compensator, leg, motion, host=host)
     found = figures(run, plain, again)
     possible = late(bumps(perfect(leg, motion)), motion) if case["oracle"] else None
     return {
@@ -115,7 +120,8 @@ def judged(case: Row) -> Row:
 
 
 def key(case: Row) -> tuple[Any, ...]:
-    return tuple(case[name] for name in ("compensator", "family", "declared", "four_way", "seed", "motion", "oracle"))
+    names = ("compensator", "family", "declared", "four_way", "seed", "motion", "oracle")
+    return *(case[name] for name in names), case.get("host", "")
 
 
 def evidence(good: int, bad: int, wanted: float = WANTED, apart: float = APART) -> float:
@@ -228,6 +234,7 @@ def planned(a: argparse.Namespace) -> list[Row]:
             "seed": seed,
             "motion": motion,
             "oracle": a.oracle,
+            "host": a.host,
         }
         for seed in range(first, min(last, len(SINGLE)) if a.family == "single" else last)
         for four_way in VALVES[a.valve]
@@ -278,6 +285,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--oracle", action=argparse.BooleanOptionalAction, default=False, help="with the perfect inverse"
     )
+    parser.add_argument("--host", default="", help="packets that the setpoints come in: 60,jitter=0.2,loss=0.02")
     parser.add_argument("--stop", action="store_true", help="end when the wanted share is decided")
     parser.add_argument("--limit", type=float, default=0.2, help="share left that counts for --stop")
     parser.add_argument("--wanted", type=float, default=WANTED, help="share of runs for --stop")

@@ -26,6 +26,7 @@ import numpy as np
 from numba import carray
 
 from . import compensator, volts_bound
+from .arithmetic import push
 from .compensator import Context, Parameters, Sample, Wrapped
 from .compiled import compiled
 from .desk import LEGS, SHARE, STEP, call_tick, doubles, integers, pointer, rows, truths
@@ -37,7 +38,11 @@ from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, SPEED_MEMORY_S, USUAL_SPOOL_H
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
 FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a dead sensor
-FINE = 1.1  # noises in a count: up to there a reading at rest repeats FROZEN_TICKS times in 0.02 % (erf(1.1/8^0.5)^10)
+# noises, rounding included, in a count: up to there a reading at rest repeats FROZEN_TICKS times in 0.02 % (erf(1.1/8^0.5)^10, 1.1 of
+# the noise without rounding)
+FINE = 1.05
+NOISE_STEP = 0.002  # of the running median of fourth differences, a reading: twice as large, or half, after 0.7 s
+MEDIAN = 0.6745 * 70.0**0.5  # of their size, over the noise
 FROZEN_TRAVEL_M = (
     1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
 )
@@ -86,8 +91,11 @@ SENTENCES: dict[int, str] = {
     "starts anew with nothing learned; are overlap and flow of the valve declared rightly?",
 }
 
-# The last reading of a transducer, for how many ticks it has repeated, the setpoint when it came, and its count: the smallest step seen.
-READING = np.dtype((np.record, [("value", "f8"), ("repeated", "i8"), ("setpoint_m", "f8"), ("count", "f8")]))
+# The last readings of a transducer, newest first, for how many ticks it has repeated, the setpoint when it came, its count (the smallest
+# step seen) and its noise.
+READING = np.dtype(
+    (np.record, [("values", "f8", (5,)), ("repeated", "i8"), ("setpoint_m", "f8"), ("count", "f8"), ("noise", "f8")])
+)
 GUARD = np.dtype(
     (
         np.record,
@@ -96,8 +104,6 @@ GUARD = np.dtype(
             ("voltage_max_V", "f8"),
             ("position", READING),
             ("pressure", READING),
-            ("position_noise_m", "f8"),
-            ("pressure_noise_Pa", "f8"),
             ("position_travel_m", "f8"),  # of the setpoint, from which a coarse reading is frozen
             ("pressure_travel_m", "f8"),
             ("edges_V", "f8"),
@@ -163,7 +169,8 @@ def start_guard(guard, sheet):
     standstill_m = FROZEN_MARGIN * 2.0 * sheet.edge_V / sheet.position_gain_V_per_m + 2.0 * sheet.position_resolution_m
     guard.position_travel_m = FROZEN_TRAVEL_M + standstill_m
     guard.pressure_travel_m = FROZEN_STROKE * sheet.stroke_m
-    guard.position_noise_m, guard.pressure_noise_Pa = sheet.position_noise_m, sheet.pressure_noise_Pa
+    guard.position.noise = sheet.position_noise_m
+    guard.pressure.noise = guard.top_pressure.noise = sheet.pressure_noise_Pa
     guard.position.count = guard.pressure.count = guard.top_pressure.count = (
         1e300  # coarse, until it is seen to be fine
     )
@@ -262,17 +269,28 @@ def accept(guard, added_V, forward_V, finite):
 
 
 @compiled
-def _frozen(reading, value, setpoint_m, noise, coarse_m):
+def _frozen(reading, value, setpoint_m, coarse_m):
     """Takes the reading of this tick; whether it stands still although the setpoint moves: by FROZEN_TRAVEL_M where the noise moves its
     last count, by `coarse_m` where it does not, whatever is declared: there it stands still with the piston, in a dead band."""
-    if value != reading.value:
-        if abs(value - reading.value) < reading.count:
-            reading.count = abs(value - reading.value)
-        reading.value, reading.repeated, reading.setpoint_m = value, 0, setpoint_m
+    values = reading.values
+    step = abs(value - values[0])
+    push(values, value)
+    if step > 0.0:
+        _learn_noise(reading, step)
+        reading.repeated, reading.setpoint_m = 0, setpoint_m
         return False
     reading.repeated += 1
-    travel_m = FROZEN_TRAVEL_M if reading.count < FINE * noise else coarse_m
+    travel_m = FROZEN_TRAVEL_M if reading.count < FINE * reading.noise else coarse_m
     return reading.repeated >= FROZEN_TICKS and abs(setpoint_m - reading.setpoint_m) > travel_m
+
+
+@compiled
+def _learn_noise(reading, step):
+    """Of a reading that has changed by `step`: its count, and the running median of fourth differences, in which motion is small."""
+    x = reading.values
+    reading.count = min(reading.count, step)
+    off = abs(x[0] - 4.0 * x[1] + 6.0 * x[2] - 4.0 * x[3] + x[4])
+    reading.noise *= 1.0 + NOISE_STEP if off > MEDIAN * reading.noise else 1.0 - NOISE_STEP
 
 
 @compiled
@@ -281,13 +299,11 @@ def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
     total = position_m + bottom_Pa + top_Pa + supply_Pa + control_V + valve_V + setpoint_m
     if total - total != 0.0:
         return Reason.LOST
-    if _frozen(guard.position, position_m, setpoint_m, guard.position_noise_m, guard.position_travel_m):
+    if _frozen(guard.position, position_m, setpoint_m, guard.position_travel_m):
         return Reason.POSITION_FROZEN
-    if _frozen(guard.pressure, bottom_Pa, setpoint_m, guard.pressure_noise_Pa, guard.pressure_travel_m):
+    if _frozen(guard.pressure, bottom_Pa, setpoint_m, guard.pressure_travel_m):
         return Reason.PRESSURE_FROZEN
-    if top_Pa != 0.0 and _frozen(
-        guard.top_pressure, top_Pa, setpoint_m, guard.pressure_noise_Pa, guard.pressure_travel_m
-    ):
+    if top_Pa != 0.0 and _frozen(guard.top_pressure, top_Pa, setpoint_m, guard.pressure_travel_m):
         return Reason.PRESSURE_FROZEN
     if abs(valve_V) < SATURATED_SHARE * guard.voltage_max_V:
         guard.saturated_ticks = 0

@@ -16,6 +16,7 @@ import polars as pl
 import pytest
 
 from hexsim import HexsimError
+from hexsim.cli.serve import line_of
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -213,6 +214,17 @@ def test_real_time_is_kept_and_said() -> None:
     assert status.time_s == pytest.approx(0.5)
     assert status.margin > 1.0
     assert status.worst_behind_s >= 0.0 and status.state == "neutral"
+
+
+def test_it_says_what_the_compensator_does() -> None:
+    """A served bench with `adaptive` that has just begun: status line, status and summary of its folder give the reason why the leg
+    is not compensated yet."""
+    with serving.Server(load_machine("bench"), port=0, timestep=2e-4, compensator="adaptive", record_s=0.2) as server:
+        status = server.run(duration_s=0.1)
+        assert server.record is not None
+        summary = server.record.run().summary
+    assert line_of(status).endswith("the leg's numbers are not known yet")
+    assert status.compensation == summary["compensation"] and not status.compensation[0]["engaged"]
 
 
 def test_the_example_host_drives_the_machine(monkeypatch, capsys) -> None:

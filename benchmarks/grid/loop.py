@@ -10,6 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from benchmarks.grid import plant
+from benchmarks.grid.host import played_setpoints
 from benchmarks.grid.legs import Leg
 from benchmarks.grid.motions import Motion
 from compensation import Compensator, Sample, preview_count
@@ -88,12 +89,15 @@ class Bench:
         return plant.exchange(*self.parts, k, volts, self.out)
 
 
-def run_leg(compensator: Compensator, leg: Leg, motion: Motion, *, noise: int = 0, state: Any = None) -> Run:
-    """One run from nothing learned. noise: seed of the transducers' noise and of the tick's jitter; state: in place of a fresh one."""
+def run_leg(
+    compensator: Compensator, leg: Leg, motion: Motion, *, noise: int = 0, state: Any = None, host: str = ""
+) -> Run:
+    """One run from nothing learned. noise: seed of the transducers' noise and of the tick's jitter; state: in place of a fresh one;
+    host: of what packets the setpoints come (`host.played_setpoints`), "": their future is known."""
     context = replace(leg.context, period_s=motion.period_s)
     state = compensator.start(context) if state is None else state
     ticks, look = round(motion.duration_s * RATE_HZ), preview_count(compensator, context, state)
-    wanted = motion.sampled(ticks + look)
+    wanted = setpoints(leg, motion, host, ticks, look)
     bench, gain, four_way = Bench(leg, motion, ticks, noise), float(leg.c.gain_V_m), bool(leg.c.four_way > 0.5)
     log = np.zeros((len(COLUMNS), ticks))
     statuses, sent, text, s = [], 0.0, "", bench.state
@@ -122,12 +126,18 @@ def run_leg(compensator: Compensator, leg: Leg, motion: Motion, *, noise: int = 
     return run_of(bench, motion, log, wanted[:ticks], state, statuses, compensator.not_engaged(state))
 
 
-def run_plain(leg: Leg, motion: Motion, *, noise: int = 0) -> Run:
-    """`run_leg` with proportional control alone, compiled as a whole."""
+def run_plain(leg: Leg, motion: Motion, *, noise: int = 0, host: str = "", look: int = 1) -> Run:
+    """`run_leg` with proportional control alone, compiled as a whole. look: how far ahead a host's packets are predicted [ticks]."""
     ticks = round(motion.duration_s * RATE_HZ)
-    bench, wanted, log = Bench(leg, motion, ticks, noise), motion.sampled(ticks), np.zeros((len(COLUMNS), ticks))
+    wanted = setpoints(leg, motion, host, ticks, look)[:ticks]
+    bench, log = Bench(leg, motion, ticks, noise), np.zeros((len(COLUMNS), ticks))
     plant.driven(*bench.parts, wanted, np.zeros(ticks), log)
     return run_of(bench, motion, log, wanted, None, [], "plain control")
+
+
+def setpoints(leg: Leg, motion: Motion, host: str, ticks: int, look: int) -> np.ndarray:
+    """(ticks + look,) setpoints [m] of a motion, as a host's packets give them where there is one."""
+    return played_setpoints(host, motion, leg.seed, ticks, look) if host else motion.sampled(ticks + look)
 
 
 def run_of(

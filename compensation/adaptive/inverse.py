@@ -8,6 +8,8 @@ are the model's own.
 
 from __future__ import annotations
 
+from math import inf
+
 from ..compiled import compiled
 from .fit import backward, cholesky, forward
 from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_TICK, V, Y, tangent, tick
@@ -40,9 +42,10 @@ def roughness(th):
 
 
 @compiled
-def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, none, w, path):
+def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, none, w, path, most):
     """Residuals r (4 AHEAD,) of volts U (AHEAD,) from the state x. before, older: the volts sent last. y, v (AHEAD + 1,): demanded at
-    the window's ticks. extra (AHEAD,): by the other legs [N]. path (AHEAD + 1, N_STATES) takes the states."""
+    the window's ticks. extra (AHEAD,): by the other legs [N]. path (AHEAD + 1, N_STATES) takes the states. Ends where the cost is
+    beyond `most`."""
     s[:] = x
     path[0, :] = x
     g0, g1 = filtered[0], filtered[1]
@@ -63,6 +66,8 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, e
         r[3 * AHEAD + i] = (U[i] - 2.0 * last + last2) * rough
         for k in range(4):
             cost += r[k * AHEAD + i] * r[k * AHEAD + i]
+        if cost > most:
+            break
     return cost
 
 
@@ -124,6 +129,19 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
 
 
 @compiled
+def _normal(J, H):
+    """H = J'J, lower half: row by row of J, whose columns begin one after the other."""
+    H[:, :] = 0.0
+    for i in range(AHEAD):
+        felt, speed, place, rough = J[i], J[AHEAD + i], J[2 * AHEAD + i], J[3 * AHEAD + i]
+        for a in range(i + 1):
+            row = H[a]
+            for b in range(a + 1):
+                row[b] += felt[a] * felt[b] + speed[a] * speed[b] + place[a] * place[b]
+                row[b] += rough[a] * rough[b]
+
+
+@compiled
 def _smooth(U, before):
     """Volts U (AHEAD,) averaged with their neighbours: a step's second difference falls to a half."""
     last = before
@@ -148,22 +166,12 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
     r, r2, J, S, path, path2, H, L, step, U2, s, w, d_now, d_before = (
         ws.r, ws.r2, ws.J, ws.S, ws.path, ws.path2, ws.H, ws.L, ws.step, ws.U2, ws.s, ws.w, ws.d_now, ws.d_before,
     )  # fmt: skip
-    cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, S, w, path)
+    cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, S, w, path, inf)
     half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
     soft = max(BLUNT * half, LEAST_BLUNT_V)
     for _ in range(TRIES):
         window_slope(path, U, before, th, sheet, split, supply, extra, soft, J, S, d_now, d_before, s, w)
-        for a in range(AHEAD):
-            for b in range(a + 1):
-                total = 0.0
-                for i in range(a, AHEAD):
-                    total += (
-                        J[i, a] * J[i, b]
-                        + J[AHEAD + i, a] * J[AHEAD + i, b]
-                        + J[2 * AHEAD + i, a] * J[2 * AHEAD + i, b]
-                    )
-                    total += J[3 * AHEAD + i, a] * J[3 * AHEAD + i, b]
-                H[a, b] = total
+        _normal(J, H)
         for a in range(AHEAD):
             for b in range(a + 1):
                 L[a, b] = H[a, b]
@@ -181,7 +189,7 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
                 for a in range(AHEAD):
                     U2[a] = min(max(U[a] - share * step[a], -limit_V), limit_V)
                 c2 = window_cost(
-                    x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2
+                    x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2, cost
                 )
                 if c2 < cost:
                     better = True

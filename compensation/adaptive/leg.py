@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from math import exp, log1p, sqrt
 
-from ..compiled import compiled
+from ..compiled import compiled, inlined
 
 SUBSTEPS = 10  # of a tick: 0.2 ms
 N_STATES = 10  # y to the pressures as measured
@@ -57,7 +57,7 @@ def valve_lag_s(n):
     return n[ZETA] / 3.141592653589793 * exp(-n[LN_SPOOL]) + n[AMP_LAG] + n[DELAY]
 
 
-@compiled
+@inlined
 def opening(travel, s, notch, b, b2, out):
     """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2; notch: share that its linear part lacks. out (6,): it,
     and by travel, ln s, b, b2, notch."""
@@ -77,7 +77,7 @@ def opening(travel, s, notch, b, b2, out):
     out[1], out[2], out[3], out[4], out[5] = slope * p, slope * lns, a * a, a * a * a, -a
 
 
-@compiled
+@inlined
 def orifice(o, dp, turbulent, laminar, out):
     """o dp/(dp^2 + (turbulent + laminar/o^2)^2)^(1/4). out: it, and its derivatives by o, dp, turbulent, laminar."""
     n = o * o
@@ -96,7 +96,7 @@ def orifice(o, dp, turbulent, laminar, out):
     out[4] = -k * w
 
 
-@compiled
+@inlined
 def behind_line(q, o, dp, gain, line):
     """What `orifice` gave of o and dp, with a laminar return line [Pa s/m3] behind, where gain times it flows: that of dp - line gain q,
     by one step of Newton from no flow (within (line gain q/dp)^2/8). q (7,): it, and its derivatives; [5] by gain, over it, [6] by the
@@ -127,7 +127,7 @@ def capacity(volume, P, E, air, out):
     out[3] = volume * gas
 
 
-@compiled
+@inlined
 def sliding(v, reg):
     """v coth(v/reg), and its derivatives by v and ln reg."""
     q, sign = abs(v) / reg, 1.0 if v >= 0.0 else -1.0
@@ -140,7 +140,7 @@ def sliding(v, reg):
     return reg * q * coth, sign * (coth - q * inverse), reg * q * q * inverse
 
 
-@compiled
+@inlined
 def spool_step(x, S, moving, numbers, u, share, by_delay, d_now, d_before, gain_y, h, ka, dka, om, zeta):
     """One step h of amplifier and spool, and of their derivatives. u: volts, the share of them from before; by_delay: du by DELAY."""
     damped = 1.0 / (1.0 + 2.0 * zeta * om * h)

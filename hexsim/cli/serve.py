@@ -10,7 +10,7 @@ import typer
 
 from hexsim.cli import flown, options
 from hexsim.cli.console import compiling_said, output, print_json, stop_when_signalled, terminated_like_interrupted
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, shortened
 
 if TYPE_CHECKING:
     from hexsim.simulation import Run
@@ -118,12 +118,19 @@ class Teller:
 
     def __call__(self, status: Status) -> None:
         self.warn(status)
-        tell(status.line())
+        tell(line_of(status))
 
     def warn(self, status: Status) -> None:
         for text in status.new_warnings(self.said):
             tell(f"warning: {text}")
         self.said = status.cavitated
+
+
+def line_of(status: Status) -> str:
+    """The line of a status, with what the compensator does."""
+    from hexsim.recording.summary_table import compensation_texts
+
+    return "; ".join([status.line(), *(shortened(text, 160) for text in compensation_texts(status.compensation))])
 
 
 def tell(text: str) -> None:
@@ -143,7 +150,7 @@ def write(run: Run, out: Path) -> None:
 
 def print_status(status: Status) -> None:
     """The last line, and how late what is felt came."""
-    output().print(f"{status.line()}, at most {1e3 * status.worst_behind_s:.1f} ms behind")
+    output().print(f"{line_of(status)}, at most {1e3 * status.worst_behind_s:.1f} ms behind")
     if status.latency_ms:
         found = ", ".join(f"{axis} {ms:.1f} ms" for axis, ms in status.latency_ms.items())
         output().print(f"latency from packet to felt acceleration: {found}")

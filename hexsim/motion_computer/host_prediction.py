@@ -9,7 +9,7 @@ predictor said of its time `horizon` before is known to be off by e_j:
 e_j^2 is a mean over the last packets, e_j' the change of e_j a second: a prediction that jumps is worse than a wrong one.
 
 Beside the polynomials stand smooth motions (`host_process`): in a sine of 1 m/s2 at 3 Hz, 60 packets a second, they leave a
-tenth of the jolt that polynomials put in.
+fiftieth of the jolt that polynomials put in.
 
 Packets that carry velocity and acceleration have predictors of their own, through the last 1 to 4 of them: each packet
 is three equations, p, T v and T^2 a, T being the packets' period. The others stay, for a host's derivatives may be wrong
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
 from hexsim.mechanics.kinematics import DOF_NAMES
-from hexsim.motion_computer.host_process import FEWEST, POINTS, TREND, LENGTHS_s, add_process, fit_process, solve
+from hexsim.motion_computer.host_process import FEWEST, POINTS, PROCESSES, TREND, add_process, fit_process, solve
 
 Array = NDArray[np.float64]
 AXES = len(DOF_NAMES)
@@ -37,7 +37,7 @@ ORDERS_AND_COUNTS = np.array(  # by the number of setpoints, so that sums over t
 PLAIN, TERMS = len(ORDERS_AND_COUNTS), 6  # first that uses derivatives; coefficients of a polynomial of order 5
 ORDERS_AND_COUNTS = np.vstack([ORDERS_AND_COUNTS, [(2, 1), (3, 2), (4, 2), (3, 3), (4, 3), (5, 4)]])
 POLYNOMIALS = len(ORDERS_AND_COUNTS)  # those from PLAIN on use derivatives
-PREDICTORS = POLYNOMIALS + len(LENGTHS_s)  # those from POLYNOMIALS on are processes
+PREDICTORS = POLYNOMIALS + len(PROCESSES)  # those from POLYNOMIALS on are processes
 MEMORY_S = 0.2  # of the squared errors
 RATE_S = 0.04  # T_e: over which an error counts as one of the rate
 FLOOR = 2e-7  # e_0 [m or rad]
@@ -67,8 +67,8 @@ def new_prediction() -> Prediction:
     return Prediction(
         np.zeros((KEPT, POLYNOMIALS, TERMS, AXES)),
         np.zeros((KEPT, POINTS)),
-        np.zeros((KEPT, len(LENGTHS_s), POINTS, AXES)),
-        np.zeros((KEPT, len(LENGTHS_s), TREND, AXES)),
+        np.zeros((KEPT, len(PROCESSES), POINTS, AXES)),
+        np.zeros((KEPT, len(PROCESSES), TREND, AXES)),
         np.full(KEPT, -np.inf),
         np.ones(KEPT),
         np.zeros((KEPT, 2)),
@@ -105,8 +105,9 @@ def refit(prediction, times, motions, period_s):
     if n >= FEWEST:
         for i in range(n):
             prediction.points[place, i] = times[count - n + i]
-        for j in range(len(LENGTHS_s)):
-            fit_process(times, motions, n, LENGTHS_s[j], prediction.weights[place, j], prediction.trends[place, j])
+        for j in range(len(PROCESSES)):
+            length_s, nugget = PROCESSES[j]
+            fit_process(times, motions, n, length_s, nugget, prediction.weights[place, j], prediction.trends[place, j])
 
 
 @compiled
@@ -212,7 +213,7 @@ def _add(prediction, place, j, time, share, out):
             n,
             prediction.weights[place, k],
             prediction.trends[place, k],
-            LENGTHS_s[k],
+            PROCESSES[k, 0],
             time,
             share,
             out,

@@ -1,6 +1,6 @@
 """Smooth motions through a host's setpoints: Gaussian processes of given lengths, for what no polynomial continues.
 
-    f ~ b_0 + b_1 t + GP(0, exp(-(t - s)^2 / 2 l^2)),  setpoints y_i = f(t_i) + n_i,  n_i ~ NUGGET
+    f ~ b_0 + b_1 t + GP(0, exp(-(t - s)^2 / 2 l^2)),  setpoints y_i = f(t_i) + n_i,  n_i ~ rounding
 
 The posterior mean is linear in the setpoints, and its derivatives are those of the kernel. A motion without parts above
 about 0.4/l Hz is continued by a tenth of a second where a polynomial of the same points has long turned away; one that is
@@ -14,16 +14,17 @@ import numpy as np
 
 from hexsim.compiled import compiled
 
-LENGTHS_s = np.array([0.1, 0.15, 0.2, 0.3])  # l, of motions to 4, 2.7, 2 and 1.3 Hz
+# l [s], of motions to 4 and 2 Hz; variance of a setpoint's rounding or noise over the process's: 20 um, 0.6 um and 20 nm of a motion of
+# 20 mm. By less the matrix is hardly regular
+PROCESSES = np.array([(length_s, nugget) for length_s in (0.1, 0.2) for nugget in (1e-6, 1e-9, 1e-12)])
 POINTS = 32  # newest setpoints that a process goes through at most
 FEWEST = 4  # and at least
-NUGGET = 1e-8  # variance of a setpoint's rounding, over the process's; the matrix is regular by it
 TREND = 2  # terms: place and speed
 
 
 @compiled
-def fit_process(times, motions, n, length_s, weights, trend):
-    """Weights (POINTS, axes) and trend (TREND, axes) of the process through the newest n setpoints of motions (m, 3, axes) at
+def fit_process(times, motions, n, length_s, nugget, weights, trend):
+    """Weights (POINTS, axes) and trend (TREND, axes) of a process through the newest n setpoints of motions (m, 3, axes) at
     times (m,), oldest first, n at most POINTS; both count from the newest. In place; weights without a setpoint become 0."""
     newest, axes = len(times) - 1, motions.shape[2]
     gram, right = np.zeros((n, n)), np.zeros((n, TREND + axes))
@@ -31,7 +32,7 @@ def fit_process(times, motions, n, length_s, weights, trend):
         for k in range(i + 1):
             x = (times[newest + 1 - n + i] - times[newest + 1 - n + k]) / length_s
             gram[i, k] = np.exp(-0.5 * x * x)
-        gram[i, i] += NUGGET
+        gram[i, i] += nugget
         right[i, 0], right[i, 1] = 1.0, (times[newest + 1 - n + i] - times[newest]) / length_s
         for d in range(axes):
             right[i, TREND + d] = motions[newest + 1 - n + i, 0, d] - motions[newest, 0, d]

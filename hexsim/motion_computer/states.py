@@ -55,6 +55,7 @@ TRANSITIONS: Mapping[tuple[State, str], State] = MappingProxyType(
         (State.FAULT, "reset"): State.OFF,
     }
 )
+AUTOMATIC = ("at_rest", "error", "ready")  # no host can order them
 EVENTS = tuple(sorted({event for _, event in TRANSITIONS}))
 
 
@@ -78,9 +79,9 @@ class StateMachine:
     def event(self, event: str, time_s: float = 0.0) -> State:
         """Take the transition. Raises HexsimError for one that is not in the table."""
         if not self.allows(event):
-            possible = ", ".join(known for known in EVENTS if self.allows(known)) or "none"
+            possible = ", ".join(known for known in EVENTS if self.allows(known) and known not in AUTOMATIC)
             raise HexsimError(
-                f"motion computer: {event!r} is not possible in state {self.state.name.lower()}; possible: {possible}"
+                f"motion computer: {event!r} is not possible in state {self.state.name.lower()}; possible: {possible or 'none'}"
             )
         before, self.state = self.state, TRANSITIONS[self.state, event]
         self.on_change(time_s, before, event, self.state)

@@ -354,6 +354,7 @@ class Server:
         status.refused_orders = dict(self.orders.refusals)
         status.of_packets = self.link.refusals.line(self.link.counts["received"], self.link.protocol)
         status.silent_s = self.link.silent_s if isinstance(self.link, VehicleLink) else 0.0
+        status.compensation = computer.engagement()
         status.messages = list(self.messages)
         status.cavitated, status.warnings = self.cavitation.count, list(self.cavitation.told)
         return status

@@ -66,8 +66,9 @@ class ServeRecord:
             description="what a host or the manual mode asked for",
         )
         log = run_log(server.plant, scenario, recorded, SensorBank(server.plant.resolved, done, self.tick_s, self.seed))
-        margin = server.margin
+        margin, engagement = server.margin, server.computer.engagement()
         warnings = cavitation_warnings(server.plant, self.tick_s, recorded.positions, recorded.act)
+        summary = run_summary(server.plant, scenario, server.compensator, log, recorded, margin, warnings)
         return Run(
             machine=server.machine,
             scenario=scenario,
@@ -76,7 +77,7 @@ class ServeRecord:
             model=server.plant.model_kind,
             timestep=server.plant.timestep,
             log=log,
-            summary=run_summary(server.plant, scenario, server.compensator, log, recorded, margin, warnings),
+            summary=summary | ({"compensation": engagement} if engagement else {}),
             warnings=warnings,
             messages=list(server.messages),
             realtime_factor=margin,

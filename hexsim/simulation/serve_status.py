@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from hexsim.errors import shortened
 from hexsim.simulation.vehicle_link import SILENT_S
@@ -25,6 +26,7 @@ class Status:
     of_packets: str = ""  # the same in a phrase, empty where all were understood
     refused_orders: dict[str, int] = field(default_factory=dict)  # by reason
     silent_s: float = 0.0  # since the last packet of a simulator (`serve --from`), infinite before the first one
+    compensation: list[dict[str, Any]] = field(default_factory=list)  # `PositionLoop.engagement`
     latency_ms: dict[str, float] = field(default_factory=dict)  # packet to felt acceleration, by axis; at the end
     messages: list[tuple[float, int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)  # of cavitation, the last ones; of `cavitated` in all

@@ -172,10 +172,11 @@ def jolt(frequency_Hz: float, host: hosted.Host, preview: int = 1) -> float:
     return float(np.abs(low - wave @ np.linalg.lstsq(wave, low, rcond=None)[0]).max())
 
 
-@pytest.mark.parametrize(("frequency_Hz", "most"), [(1.0, 0.02), (3.0, 0.08), (4.0, 0.15)])
+@pytest.mark.parametrize(("frequency_Hz", "most"), [(1.0, 0.012), (3.0, 0.02), (4.0, 0.03)])
 def test_sixty_packets_a_second_put_no_jolt_into_a_sine(frequency_Hz: float, most: float) -> None:
     """Late by a fifth of a period, 2 % lost, two draws: at most so much, and half of it 33 ms behind the host (0.371, 0.823 and,
-    behind, 0.102, 0.185 m/s2 at 3 and 4 Hz with polynomials alone)."""
+    behind, 0.102, 0.185 m/s2 at 3 and 4 Hz with polynomials alone; 0.020, 0.039
+    with processes that take setpoints for rounded to 2 um)."""
     for buffer_s, bound in ((0.0, most), (0.033, 0.5 * most)):
         for seed in (0, 2):
             host = hosted.Host(rate_Hz=60.0, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=seed)
@@ -189,7 +190,7 @@ def test_a_process_goes_through_its_points_and_has_its_own_slopes() -> None:
     places = np.column_stack([np.sin(2 * np.pi * f * times) + f for f in (0.5, 1.0, 2.0)])
     weights, trend = np.zeros((host_process.POINTS, 3)), np.zeros((host_process.TREND, 3))
     motions = np.repeat(places[:, None], 3, axis=1)
-    host_process.fit_process(times, motions, 20, 0.1, weights, trend)
+    host_process.fit_process(times, motions, 20, 0.1, 1e-8, weights, trend)
 
     def at(time):
         out = np.zeros((3, 3))
