@@ -6,7 +6,7 @@ volts              those that make the identified leg follow it (inverse.py), le
 engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE, sums over a platform's legs, and the misfit is no more
                    than KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e the
                    one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last
-                   half strokes, by what is known now; d what the model lacks
+                   half strokes, by what is known now; d what the model lacks. It leaves where b^2 + PERCEIVED^2 < e^2 + f^2 + d^2
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
 """
@@ -71,7 +71,6 @@ LEAVE_S = 1.5
 # of bump^2 in bump^2 + doubt^2 + left^2 + lacking^2, from which it engages: above 1/2 a smaller bump is expected. On 20 drawn legs 0.5,
 # 0.65 and 0.8 made the same one reversal of 674 worse, and legs with much doubt engaged below 0.8 alone
 LEAST_SHARE = 0.65
-STAY_SHARE = 0.5  # and below which it leaves: a larger bump than plain control's is expected
 # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
 PERCEIVED_m_s2 = 0.015
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
@@ -443,11 +442,12 @@ def tick_of(
     # half strokes: one each way, where neither an earlier run nor other legs tell
     seen = 2 if s.share == 0.0 and not s.fit.restored and not s.platform else 1
     if e.halves >= seen and knows:
-        bump2, doubt2 = e.bump2, e.sigma2 + e.left2 + _lacking2(s) + PERCEIVED_m_s2**2 * max(settings.legs, 1)
+        bump2, doubt2, felt2 = e.bump2, e.sigma2 + e.left2 + _lacking2(s), PERCEIVED_m_s2**2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
-        wants = bump2 / (bump2 + doubt2) > (STAY_SHARE if s.share > 0.0 else LEAST_SHARE)
+        # what is not felt is no gain to come in for, and no harm to leave for
+        wants = bump2 + felt2 > doubt2 if s.share > 0.0 else bump2 > LEAST_SHARE * (bump2 + doubt2 + felt2)
     step = settings.tick_s / RAMP_S
     doubted = s.share == 0.0 and e.halves > 0 and knows and not wants
     s.probe.level = min(max(s.probe.level + (step if doubted else -step), 0.0), 1.0)
