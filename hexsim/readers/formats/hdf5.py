@@ -11,7 +11,7 @@ from hexsim.errors import HexsimError
 from hexsim.readers.clock_columns import time_columns
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
-from hexsim.readers.sizes import MOST_COLUMNS
+from hexsim.readers.sizes import LARGEST
 
 UNITS = ("units", "unit", "Unit", "Units", "UNITS")  # attributes that state one
 
@@ -75,7 +75,7 @@ def columns(item: Any, name: str, raw: RawLog) -> list[tuple[str, np.ndarray]]:
     if item.ndim == 1:
         return [(name, values)]
     rows = values.T if values.shape[0] >= values.shape[1] else values
-    return [(name if len(rows) == 1 else f"{name}_{k + 1}", row) for k, row in enumerate(rows[:MOST_COLUMNS])]
+    return [(name if len(rows) == 1 else f"{name}_{k + 1}", row) for k, row in enumerate(rows[: LARGEST.columns])]
 
 
 def text(value: Any) -> str:

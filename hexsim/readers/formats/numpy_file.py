@@ -14,7 +14,7 @@ from hexsim.errors import HexsimError
 from hexsim.readers.clock_columns import seconds_of, time_columns
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
-from hexsim.readers.sizes import MOST_COLUMNS
+from hexsim.readers.sizes import LARGEST
 
 
 class NumpyReader(Reader):
@@ -89,7 +89,7 @@ def columns(name: str, values: np.ndarray, raw: RawLog) -> dict[str, np.ndarray]
         return {name: flat}
     if flat.ndim == 2:
         rows = flat.T if flat.shape[0] >= flat.shape[1] else flat
-        return {f"{name}_{k + 1}": row for k, row in enumerate(rows[:MOST_COLUMNS])}
+        return {f"{name}_{k + 1}": row for k, row in enumerate(rows[: LARGEST.columns])}
     raw.left_out.append(f"array {name} has {flat.ndim} dimensions")
     return {}
 

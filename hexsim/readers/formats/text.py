@@ -15,7 +15,7 @@ import polars as pl
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_ROWS, RawLog, RawSignal, Reader, max_rows
-from hexsim.readers.sizes import PIECE
+from hexsim.readers.sizes import LARGEST
 from hexsim.readers.text_table import MISSING, Table, find_table, records, seconds
 
 SI_LETTER = re.compile(rb"(\d\.?)([numk])(?=[\s;,]|$)")
@@ -90,18 +90,18 @@ def with_own_times(raw: RawLog, table: Table) -> None:
 
 
 def inflated(file: IO[bytes]) -> Iterator[bytes]:
-    """Content of a gzip file, at most PIECE bytes at a time however well it is packed; several members as one.
+    """Content of a gzip file, at most piece bytes at a time however well it is packed; several members as one.
 
     Raises EOFError where it ends within a member, zlib.error where it is damaged.
     """
     inflate, packed = zlib.decompressobj(wbits=31), b""
     while True:
-        packed = packed or file.read(PIECE)
+        packed = packed or file.read(LARGEST.piece)
         if inflate.eof:
             if not packed:
                 return
             inflate = zlib.decompressobj(wbits=31)  # another member follows
-        piece = inflate.decompress(packed, PIECE)
+        piece = inflate.decompress(packed, LARGEST.piece)
         if not (packed or piece or inflate.eof):
             raise EOFError
         yield piece
@@ -121,7 +121,7 @@ def file_bytes(
         with open(path, "rb") as file:
             zipped = file.read(2) == b"\x1f\x8b"
             file.seek(0)
-            for piece in inflated(file) if zipped else iter(lambda: file.read(PIECE), b""):
+            for piece in inflated(file) if zipped else iter(lambda: file.read(LARGEST.piece), b""):
                 lines, size = lines + piece.count(b"\n"), size + len(piece)
                 pieces.append(piece)
                 if lines > MAX_ROWS + 10:

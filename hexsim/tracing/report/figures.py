@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from hexsim.declaration import Machine
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, legend_above, plain_frequencies, plain_powers, png, styled
+from hexsim.recording.figure_style import PAPER, legend_above, plain_frequencies, plain_powers, png, styled
 from hexsim.recording.quantity import split_key
 from hexsim.recording.zoom import Curve, Panel
 from hexsim.signals.channels import channel_arrays, kind_of
@@ -20,7 +20,7 @@ from hexsim.tracing.held_out import banded
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.report.signals import NOISE_BAND, SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import Trace
-from hexsim.tracing.steps.residuals import THIN, signals_of
+from hexsim.tracing.steps.residuals import CHANNEL, signals_of
 
 Array = np.ndarray
 SPAN_S = 4.0  # [s] of the held-out run that the comparison shows
@@ -84,7 +84,7 @@ def comparison(result: Trace, answers: Mapping[str, Log]) -> bytes:
     problem, part = result.validate_problem, shown_part(result)
     log, channels = problem.logs[0], worst_channels(result, problem.logs[0].name)
     time, shown = log.time[part], {name: channel_arrays(answer) for name, answer in answers.items()}
-    figure = Figure(figsize=(WIDTH_IN, 0.5 + 1.9 * len(channels)), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 0.5 + 1.9 * len(channels)), layout="constrained")
     axes = figure.subplots(len(channels), 2, squeeze=False, sharex=True)
     for (left, right), channel in zip(axes, channels, strict=True):
         name, scale, unit, rest_scale, rest_unit = SCALE[kind_of(channel)]
@@ -141,7 +141,7 @@ def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
     problem, log = result.validate_problem, result.validate_problem.logs[0]
     channels = worst_channels(result, log.name)
     rows = (len(channels) + 1) // 2
-    figure = Figure(figsize=(WIDTH_IN, 0.5 + 2.2 * rows), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 0.5 + 2.2 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False).ravel()
     for name, simulated in answers.items():
         answer = channel_arrays(simulated)
@@ -185,12 +185,12 @@ def portraits(result: Trace, answers: Mapping[str, Log]) -> bytes:
     """Phase portraits of the first held-out run: velocity over position, pressure over velocity, velocity over volts."""
     log, leg = result.validate_problem.logs[0], portrait_leg(result)
     part = shown_part(result)
-    shown = slice(part.start // THIN, part.stop // THIN)
+    shown = slice(part.start // CHANNEL.thin, part.stop // CHANNEL.thin)
     pairs = [("position_m", "velocity_m_s"), ("velocity_m_s", "pressure_bottom_Pa"), ("valve_V", "velocity_m_s")]
     measured, _ = signals_of(log, result.machine, leg)
     pairs = [pair for pair in pairs if all(name in measured for name in pair)]
     drawn = {name: signals_of(answer, result.machine, leg)[0] for name, answer in answers.items()}
-    figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 3.4), layout="constrained")
     for plot, pair in zip(figure.subplots(1, len(pairs), squeeze=False)[0], pairs, strict=True):
         (x_name, x_scale, x_unit), (y_name, y_scale, y_unit) = (SIGNALS[name] for name in pair)
         for own, color, width in [
@@ -217,7 +217,7 @@ def portrait_leg(result: Trace) -> str:
 def parameters(result: Trace) -> bytes:
     """Where each declared parameter ended inside its uncertainty."""
     entries = result.report["parameters"]
-    figure = Figure(figsize=(WIDTH_IN, 0.8 + 0.25 * len(entries)), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 0.8 + 0.25 * len(entries)), layout="constrained")
     plot = figure.subplots()
     for k, (prior, deviation) in enumerate(zip(result.final.priors, result.final.deviations, strict=True)):
         color = palette.DEVIATION if entries[prior.key]["at_bound"] else palette.RESPONSE
