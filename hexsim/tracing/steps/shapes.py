@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,22 +30,12 @@ from hexsim.tracing.steps.residuals import CHANNEL
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
-
-
-class Looked(NamedTuple):
-    """Where the shapes of an effect are looked for."""
-
-    octaves_Hz: tuple[float, ...] = (4.0, 8.0, 16.0, 32.0)  # of a payload's spring
-    places: int = 150  # along the stroke at which wear is looked for
-    pitches_m: tuple[float, float] = (2e-4, 1e-2)  # of a scale's ripple
-    cell_m: float = 2e-5  # at which a ripple is summed
-    cells: int = 2**17  # so many: 0.4 lines a metre between two pitches
-    slow_m_s: float = 0.01  # below it a ripple is slower than that window
-
-
-LOOKED = Looked()
-
+OCTAVES_Hz = (4.0, 8.0, 16.0, 32.0)  # of a payload's spring
+PLACES = 150  # along the stroke at which wear is looked for
+PITCHES_M = (2e-4, 1e-2)  # of a scale's ripple
+CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
 SEEN_FIRST = ("position_ripple",)  # without their shape they have no column
+SLOW_M_S = 0.01  # below it a ripple is slower than that window
 
 
 def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
@@ -97,10 +86,10 @@ def _worn_place(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> dic
             np.concatenate([own[k] for own, k in zip(signals, keep, strict=True)])
             for signals in ([point.y for point in points], drops, [own[leg] for own in residuals])
         )
-        edges = np.linspace(y.min(), y.max() + 1e-9, LOOKED.places + 1)
+        edges = np.linspace(y.min(), y.max() + 1e-9, PLACES + 1)
         middle, place = 0.5 * (edges[1:] + edges[:-1]), np.digitize(y, edges) - 1
-        R, D = (np.bincount(place, weights=weights, minlength=LOOKED.places) for weights in (r * dp, dp**2))
-        for width in np.geomspace(2.0, 0.3 * LOOKED.places, 8) * (edges[1] - edges[0]):
+        R, D = (np.bincount(place, weights=weights, minlength=PLACES) for weights in (r * dp, dp**2))
+        for width in np.geomspace(2.0, 0.3 * PLACES, 8) * (edges[1] - edges[0]):
             bumps = np.exp(-(((middle - middle[:, None]) / width) ** 2))
             bumps -= (bumps @ D)[:, None] / D.sum()  # beside an even leak
             gains = (bumps @ R) ** 2 / np.maximum(bumps**2 @ D, 1e-300)
@@ -117,18 +106,18 @@ def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> d
     Fourier transform for all pitches. Of several legs the one that stands out most; none where no pitch does.
     """
     resolved, best = resolved_machine(machine), (0.0, {})
-    lines = np.fft.rfftfreq(LOOKED.cells, LOOKED.cell_m)
-    among = (lines > 1.0 / LOOKED.pitches_m[1]) & (lines < 1.0 / LOOKED.pitches_m[0])
+    lines = np.fft.rfftfreq(CELLS, CELL_M)
+    among = (lines > 1.0 / PITCHES_M[1]) & (lines < 1.0 / PITCHES_M[0])
     for leg in range(machine.n_legs):
-        sums = np.zeros(LOOKED.cells)
+        sums = np.zeros(CELLS)
         for log, k in zip(logs, keep, strict=True):
             sensed = sensed_leg(log, resolved, leg)
             own = slice(k.start, k.stop)
             beyond = sensed.y - np.cumsum(sensed.v) / log.rate
             beyond = (beyond - Window(log.rate, WIDE_S).mean(beyond))[own]
-            weight = sensed.v[own] ** 2 / (sensed.v[own] ** 2 + LOOKED.slow_m_s**2)
-            cells = np.clip(np.rint(sensed.y[own] / LOOKED.cell_m), 0, LOOKED.cells - 1).astype(int)
-            sums += np.bincount(cells, weights=weight * beyond, minlength=LOOKED.cells)
+            weight = sensed.v[own] ** 2 / (sensed.v[own] ** 2 + SLOW_M_S**2)
+            cells = np.clip(np.rint(sensed.y[own] / CELL_M), 0, CELLS - 1).astype(int)
+            sums += np.bincount(cells, weights=weight * beyond, minlength=CELLS)
         wave = np.where(among, np.fft.rfft(sums), 0.0)
         power = np.abs(wave)
         j = int(np.argmax(power))
@@ -221,10 +210,7 @@ def worth_screening(
 def with_octaves(possible: Sequence[Candidate]) -> list[Candidate]:
     """The candidates, a payload's spring at every octave besides: where the force balance holds, its rest shows no shape."""
     sprung = [c for c in possible if c.effect.name == "flexible_payload"]
-    return [
-        *possible,
-        *(replace(c, shape=c.shape | {"frequency_Hz": own}) for c in sprung for own in LOOKED.octaves_Hz),
-    ]
+    return [*possible, *(replace(c, shape=c.shape | {"frequency_Hz": own}) for c in sprung for own in OCTAVES_Hz)]
 
 
 def propose(trace: Trace, tell: Tell) -> Trace:
