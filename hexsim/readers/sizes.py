@@ -8,24 +8,9 @@ import zlib
 from collections.abc import Iterator
 from enum import IntEnum
 from pathlib import Path
-from typing import NamedTuple
 
 from hexsim.errors import HexsimError
-from hexsim.readers.reader import MAX_CELLS
-
-
-class Largest(NamedTuple):
-    """Largest sizes of a log: a file of a few bytes can ask for all memory."""
-
-    piece: int = 1 << 20  # bytes that are inflated at once
-    part: int = 1 << 26  # bytes of a chunk or a message, unpacked: rosbag writes chunks of 0.75 MB, MCAP of 1 to 16 MB
-    log: int = 1 << 30  # bytes of a whole log, unpacked
-    columns: int = 200  # of a matrix
-    unpacked: int = 8 * MAX_CELLS  # bytes
-    elements: int = 200_000  # arrays of a MAT-file, those in structs and cells too
-
-
-LARGEST = Largest()
+from hexsim.readers.reader import LARGEST
 
 KINDS = {
     *range(1, 8),
@@ -94,8 +79,8 @@ def check_mat(
             elif kind == Element.MATRIX and length:
                 cells += math.prod(dimensions(inside, at, at + length, order))
                 waiting.append((inside, at, at + length, depth + 1))
-            if cells > MAX_CELLS or elements > LARGEST.elements or depth > most_levels:
-                raise too_large(path, f"{MAX_CELLS:,} numbers or {LARGEST.elements:,} arrays")
+            if cells > LARGEST.cells or elements > LARGEST.elements or depth > most_levels:
+                raise too_large(path, f"{LARGEST.cells:,} numbers or {LARGEST.elements:,} arrays")
 
 
 def tags(data: bytes, start: int, end: int, order: str) -> Iterator[tuple[int, int, int]]:
@@ -157,12 +142,12 @@ def check_mat_of_hdf5(path: Path) -> None:
 
     def add(_: str, one: object) -> bool | None:
         sizes.append(int(one.size or 0) if isinstance(one, h5py.Dataset) else 0)
-        return True if len(sizes) > LARGEST.elements or sum(sizes[-1:]) > MAX_CELLS else None
+        return True if len(sizes) > LARGEST.elements or sum(sizes[-1:]) > LARGEST.cells else None
 
     with h5py.File(path, "r") as file:
         file.visititems(add)
-    if sum(sizes) > MAX_CELLS or len(sizes) > LARGEST.elements:
-        raise too_large(path, f"{MAX_CELLS:,} numbers or {LARGEST.elements:,} arrays")
+    if sum(sizes) > LARGEST.cells or len(sizes) > LARGEST.elements:
+        raise too_large(path, f"{LARGEST.cells:,} numbers or {LARGEST.elements:,} arrays")
 
 
 def check_mdf(path: Path, data: bytes) -> None:

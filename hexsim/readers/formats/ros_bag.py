@@ -11,9 +11,8 @@ from typing import Any
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawLog, Reader
+from hexsim.readers.reader import LARGEST, RawLog, Reader
 from hexsim.readers.ros_messages import BadDefinition, Messages
-from hexsim.readers.sizes import LARGEST
 from hexsim.readers.topics import Topics
 
 ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins

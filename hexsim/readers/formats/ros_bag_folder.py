@@ -10,8 +10,7 @@ from hexsim.errors import HexsimError
 from hexsim.readers.formats.mcap import McapReader
 from hexsim.readers.formats.ros_bag import RosBagReader
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawLog, Reader
-from hexsim.readers.sizes import LARGEST
+from hexsim.readers.reader import LARGEST, RawLog, Reader
 from hexsim.readers.topics import Topics
 
 METADATA = "metadata.yaml"

@@ -14,8 +14,7 @@ import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_ROWS, RawLog, RawSignal, Reader, max_rows
-from hexsim.readers.sizes import LARGEST
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader, max_rows
 from hexsim.readers.text_table import MISSING, Table, find_table, records, seconds
 
 SI_LETTER = re.compile(rb"(\d\.?)([numk])(?=[\s;,]|$)")
@@ -114,7 +113,7 @@ def file_bytes(
     *,
     most_bytes: int = 150_000_000,  # bytes of text that are read: a million rows of a bench, half a million of a hexapod
 ) -> bytes:
-    """Content of a plain or gzip file, up to about MAX_ROWS lines and most_bytes bytes; a damaged gzip gives what it holds."""
+    """Content of a plain or gzip file, up to about rows lines and most_bytes bytes; a damaged gzip gives what it holds."""
     pieces: list[bytes] = []
     lines = size = 0
     try:
@@ -124,7 +123,7 @@ def file_bytes(
             for piece in inflated(file) if zipped else iter(lambda: file.read(LARGEST.piece), b""):
                 lines, size = lines + piece.count(b"\n"), size + len(piece)
                 pieces.append(piece)
-                if lines > MAX_ROWS + 10:
+                if lines > LARGEST.rows + 10:
                     break
                 if size > most_bytes:
                     raw.lose_rows(

@@ -23,10 +23,8 @@ from hexsim.tracing.state import Trace
 from hexsim.tracing.steps.residuals import CHANNEL, signals_of
 
 Array = np.ndarray
-SPAN_S = 4.0  # [s] of the held-out run that the comparison shows
 MEASURED, MEASURED_WIDTH = "#9AA5B1", 3.0  # wide and pale, so that a model on it is seen
 COLOURS = {"declared": palette.DEVIATION, "refit": palette.MARK, "with_effect": palette.RESPONSE}
-BINS_A_DECADE = 30  # of a spectrum
 
 
 def labels_of(result: Trace) -> dict[str, str]:
@@ -58,11 +56,11 @@ def worst_channels(result: Trace, log: str) -> list[str]:
     return [name for _, name in best.values()]
 
 
-def shown_part(result: Trace) -> slice:
+def shown_part(result: Trace, span_s: float = 4.0) -> slice:
     """Samples of the first held-out run that are drawn over time."""
     log = result.validate_problem.logs[0]
     start = min(result.validate_problem.settle(0) + int(2.0 * log.rate), log.n // 2)
-    return slice(start, min(start + int(SPAN_S * log.rate), log.n))
+    return slice(start, min(start + int(span_s * log.rate), log.n))
 
 
 def model_lines(result: Trace) -> list[Line2D]:
@@ -168,13 +166,13 @@ def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
     return png(figure)
 
 
-def density(x: Array, rate: float) -> tuple[Array, Array]:
+def density(x: Array, rate: float, bins_a_decade: int = 30) -> tuple[Array, Array]:
     """Power spectral density, Welch with windows of about 4 s, averaged over bins that are even in log(f)."""
     from scipy.signal import welch
 
     f, power = welch(x - x.mean(), rate, nperseg=min(int(4 * rate), len(x)))
     f, power = f[1:], power[1:]
-    bins = np.floor(BINS_A_DECADE * np.log10(f / f[0])).astype(int)
+    bins = np.floor(bins_a_decade * np.log10(f / f[0])).astype(int)
     _, place = np.unique(bins, return_inverse=True)
     count = np.bincount(place)
     return np.bincount(place, f) / count, np.bincount(place, power) / count
