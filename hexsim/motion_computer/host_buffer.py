@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.motion_computer.host_packet import HostCommand
-from hexsim.motion_computer.host_prediction import AXES, PREDICTING, add_setpoint, new_prediction, predicted, refit
+from hexsim.motion_computer.host_prediction import AXES, KEPT, add_setpoint, new_prediction, predicted, refit
 
 Array = NDArray[np.float64]
-HISTORY = PREDICTING.kept  # setpoints
+HISTORY = KEPT  # setpoints
 
 
 class Playing(NamedTuple):

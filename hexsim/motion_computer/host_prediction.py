@@ -25,23 +25,11 @@ from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
 from hexsim.mechanics.kinematics import DOF_NAMES
-from hexsim.motion_computer.host_process import PROCESS, LENGTHS_s, add_process, fit_process, solve
+from hexsim.motion_computer.host_process import FEWEST, POINTS, TREND, LENGTHS_s, add_process, fit_process, solve
 
 Array = NDArray[np.float64]
 AXES = len(DOF_NAMES)
-
-
-class Predicting(NamedTuple):
-    """Constants of the prediction of a host's setpoints."""
-
-    kept: int = 64  # setpoints, and fits
-    memory_s: float = 0.2  # of the squared errors
-    rate_s: float = 0.04  # T_e: over which an error counts as one of the rate
-    floor: float = 2e-7  # e_0 [m or rad]
-
-
-PREDICTING = Predicting()
-
+KEPT = 64  # setpoints, and fits
 ORDERS_AND_COUNTS = np.array(  # by the number of setpoints, so that sums over them go on from one to the next
     [(0, 1), (1, 2), (2, 3), (2, 4), (3, 4), (3, 5), (1, 6), (3, 6), (4, 6), (2, 8), (4, 8), (3, 12), (5, 12), (2, 16),
      (4, 16), (3, 24), (5, 24), (4, 32), (5, 48)]
@@ -50,6 +38,9 @@ PLAIN, TERMS = len(ORDERS_AND_COUNTS), 6  # first that uses derivatives; coeffic
 ORDERS_AND_COUNTS = np.vstack([ORDERS_AND_COUNTS, [(2, 1), (3, 2), (4, 2), (3, 3), (4, 3), (5, 4)]])
 POLYNOMIALS = len(ORDERS_AND_COUNTS)  # those from PLAIN on use derivatives
 PREDICTORS = POLYNOMIALS + len(LENGTHS_s)  # those from POLYNOMIALS on are processes
+MEMORY_S = 0.2  # of the squared errors
+RATE_S = 0.04  # T_e: over which an error counts as one of the rate
+FLOOR = 2e-7  # e_0 [m or rad]
 # e_0 [m, rad] of the predictors without derivatives, where packets carry them. Translations of a washout are smooth; its tilt is
 # behind a rate limit, and second derivatives change within a packet.
 PLAIN_FLOOR = np.array([1e-4, 1e-4, 1e-4, 3e-6, 3e-6, 3e-6])
@@ -58,13 +49,13 @@ PLAIN_FLOOR = np.array([1e-4, 1e-4, 1e-4, 3e-6, 3e-6, 3e-6])
 class Prediction(NamedTuple):
     """Memory of the predictors of six axes. Fits are a ring: coefficients of powers of (t - time)/period, and processes."""
 
-    coefficients: Array  # (kept, POLYNOMIALS, TERMS, AXES)
-    points: Array  # (kept, points) times of the setpoints that a fit's processes go through, oldest first
-    weights: Array  # (kept, processes, points, AXES)
-    trends: Array  # (kept, processes, trend, AXES)
-    times: Array  # (kept,) of the newest setpoint of each fit, on the host's clock
-    periods: Array  # (kept,)
-    counts: Array  # (kept, 2) setpoints of a fit; how many of them, the newest in a row, have derivatives
+    coefficients: Array  # (KEPT, POLYNOMIALS, TERMS, AXES)
+    points: Array  # (KEPT, POINTS) times of the setpoints that a fit's processes go through, oldest first
+    weights: Array  # (KEPT, processes, POINTS, AXES)
+    trends: Array  # (KEPT, processes, TREND, AXES)
+    times: Array  # (KEPT,) of the newest setpoint of each fit, on the host's clock
+    periods: Array  # (KEPT,)
+    counts: Array  # (KEPT, 2) setpoints of a fit; how many of them, the newest in a row, have derivatives
     squares: Array  # (PREDICTORS, AXES), means of the squared errors, 1 before the first
     errors: Array  # (PREDICTORS, AXES), last
     judged: Array  # (PREDICTORS,), how often
@@ -74,13 +65,13 @@ class Prediction(NamedTuple):
 def new_prediction() -> Prediction:
     """Nothing is known."""
     return Prediction(
-        np.zeros((PREDICTING.kept, POLYNOMIALS, TERMS, AXES)),
-        np.zeros((PREDICTING.kept, PROCESS.points)),
-        np.zeros((PREDICTING.kept, len(LENGTHS_s), PROCESS.points, AXES)),
-        np.zeros((PREDICTING.kept, len(LENGTHS_s), PROCESS.trend, AXES)),
-        np.full(PREDICTING.kept, -np.inf),
-        np.ones(PREDICTING.kept),
-        np.zeros((PREDICTING.kept, 2)),
+        np.zeros((KEPT, POLYNOMIALS, TERMS, AXES)),
+        np.zeros((KEPT, POINTS)),
+        np.zeros((KEPT, len(LENGTHS_s), POINTS, AXES)),
+        np.zeros((KEPT, len(LENGTHS_s), TREND, AXES)),
+        np.full(KEPT, -np.inf),
+        np.ones(KEPT),
+        np.zeros((KEPT, 2)),
         np.ones((PREDICTORS, AXES)),
         np.zeros((PREDICTORS, AXES)),
         np.zeros(PREDICTORS),
@@ -93,7 +84,7 @@ def add_setpoint(prediction, times, motions, period_s, horizon_s):
     """Setpoints with their derivatives (n, 3, AXES), NaN where there are none, at the host's times (n,), oldest first; the
     newest has just come."""
     _judge(prediction, times[-1], motions[-1, 0], horizon_s)
-    place = (int(prediction.state[0]) + 1) % PREDICTING.kept
+    place = (int(prediction.state[0]) + 1) % KEPT
     prediction.state[0] = place
     refit(prediction, times, motions, period_s)
 
@@ -110,8 +101,8 @@ def refit(prediction, times, motions, period_s):
     prediction.counts[place, 0], prediction.counts[place, 1] = count, moving
     _fit(times, motions, period_s, prediction.coefficients[place], 0, count)
     _fit(times, motions, period_s, prediction.coefficients[place], PLAIN, moving)
-    n = min(count, PROCESS.points)
-    if n >= PROCESS.fewest:
+    n = min(count, POINTS)
+    if n >= FEWEST:
         for i in range(n):
             prediction.points[place, i] = times[count - n + i]
         for j in range(len(LENGTHS_s)):
@@ -122,7 +113,7 @@ def refit(prediction, times, motions, period_s):
 def _can(j, counts):
     """Whether a fit of so many setpoints has predictor j."""
     if j >= POLYNOMIALS:
-        return counts[0] >= PROCESS.fewest
+        return counts[0] >= FEWEST
     return ORDERS_AND_COUNTS[j, 1] <= counts[1 if j >= PLAIN else 0]
 
 
@@ -189,7 +180,7 @@ def _add_equations(x, motion, origin, period_s, derivatives, sums, products):
 def _judge(prediction, time, value, horizon_s):
     """What the predictors said of this time and value `horizon_s` before."""
     then = -1
-    for i in range(PREDICTING.kept):
+    for i in range(KEPT):
         if prediction.times[i] <= time - horizon_s and (then < 0 or prediction.times[i] > prediction.times[then]):
             then = i
     if then < 0 or prediction.counts[then, 0] == 0:
@@ -200,12 +191,12 @@ def _judge(prediction, time, value, horizon_s):
         if not _can(j, prediction.counts[then]):
             continue
         prediction.judged[j] += 1.0
-        share = max(min(1.0, gap / PREDICTING.memory_s), 1.0 / prediction.judged[j])
+        share = max(min(1.0, gap / MEMORY_S), 1.0 / prediction.judged[j])
         said[:] = 0.0
         _add(prediction, then, j, time, whole, said)
         for d in range(AXES):
             error = said[0, d] - value[d]
-            jump = PREDICTING.rate_s / gap * (error - prediction.errors[j, d])
+            jump = RATE_S / gap * (error - prediction.errors[j, d])
             prediction.squares[j, d] += share * (error * error + jump * jump - prediction.squares[j, d])
             prediction.errors[j, d] = error
     prediction.state[1] = time
@@ -215,7 +206,7 @@ def _judge(prediction, time, value, horizon_s):
 def _add(prediction, place, j, time, share, out):
     """Add to out (3, AXES): share (AXES,) of position, velocity and acceleration by predictor j of a fit."""
     if j >= POLYNOMIALS:
-        n, k = min(int(prediction.counts[place, 0]), PROCESS.points), j - POLYNOMIALS
+        n, k = min(int(prediction.counts[place, 0]), POINTS), j - POLYNOMIALS
         add_process(
             prediction.points[place],
             n,
@@ -250,7 +241,7 @@ def predicted(prediction, time):
         if not _can(j, prediction.counts[place]):
             continue
         for d in range(AXES):
-            floor = PLAIN_FLOOR[d] if moving and (j < PLAIN or j >= POLYNOMIALS) else PREDICTING.floor
+            floor = PLAIN_FLOOR[d] if moving and (j < PLAIN or j >= POLYNOMIALS) else FLOOR
             weight[d] = 1.0 / (prediction.squares[j, d] + floor**2)
         total += weight
         _add(prediction, place, j, time, weight, out)

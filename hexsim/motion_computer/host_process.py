@@ -1,6 +1,6 @@
 """Smooth motions through a host's setpoints: Gaussian processes of given lengths, for what no polynomial continues.
 
-    f ~ b_0 + b_1 t + GP(0, exp(-(t - s)^2 / 2 l^2)),  setpoints y_i = f(t_i) + n_i,  n_i ~ nugget
+    f ~ b_0 + b_1 t + GP(0, exp(-(t - s)^2 / 2 l^2)),  setpoints y_i = f(t_i) + n_i,  n_i ~ NUGGET
 
 The posterior mean is linear in the setpoints, and its derivatives are those of the kernel. A motion without parts above
 about 0.4/l Hz is continued by a tenth of a second where a polynomial of the same points has long turned away; one that is
@@ -10,55 +10,45 @@ Source: C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Le
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from hexsim.compiled import compiled
 
 LENGTHS_s = np.array([0.1, 0.15, 0.2, 0.3])  # l, of motions to 4, 2.7, 2 and 1.3 Hz
-
-
-class Process(NamedTuple):
-    """Constants of a host's motion as a random process."""
-
-    points: int = 32  # newest setpoints that a process goes through at most
-    fewest: int = 4  # and at least
-    nugget: float = 1e-8  # variance of a setpoint's rounding, over the process's; the matrix is regular by it
-    trend: int = 2  # terms: place and speed
-
-
-PROCESS = Process()
+POINTS = 32  # newest setpoints that a process goes through at most
+FEWEST = 4  # and at least
+NUGGET = 1e-8  # variance of a setpoint's rounding, over the process's; the matrix is regular by it
+TREND = 2  # terms: place and speed
 
 
 @compiled
 def fit_process(times, motions, n, length_s, weights, trend):
-    """Weights (points, axes) and trend (trend, axes) of the process through the newest n setpoints of motions (m, 3, axes) at
-    times (m,), oldest first, n at most points; both count from the newest. In place; weights without a setpoint become 0."""
+    """Weights (POINTS, axes) and trend (TREND, axes) of the process through the newest n setpoints of motions (m, 3, axes) at
+    times (m,), oldest first, n at most POINTS; both count from the newest. In place; weights without a setpoint become 0."""
     newest, axes = len(times) - 1, motions.shape[2]
-    gram, right = np.zeros((n, n)), np.zeros((n, PROCESS.trend + axes))
+    gram, right = np.zeros((n, n)), np.zeros((n, TREND + axes))
     for i in range(n):
         for k in range(i + 1):
             x = (times[newest + 1 - n + i] - times[newest + 1 - n + k]) / length_s
             gram[i, k] = np.exp(-0.5 * x * x)
-        gram[i, i] += PROCESS.nugget
+        gram[i, i] += NUGGET
         right[i, 0], right[i, 1] = 1.0, (times[newest + 1 - n + i] - times[newest]) / length_s
         for d in range(axes):
-            right[i, PROCESS.trend + d] = motions[newest + 1 - n + i, 0, d] - motions[newest, 0, d]
+            right[i, TREND + d] = motions[newest + 1 - n + i, 0, d] - motions[newest, 0, d]
     solve(gram, right, n)
-    normal, found = np.zeros((PROCESS.trend, PROCESS.trend)), np.zeros((PROCESS.trend, axes))
+    normal, found = np.zeros((TREND, TREND)), np.zeros((TREND, axes))
     for i in range(n):
         beyond = (times[newest + 1 - n + i] - times[newest]) / length_s
-        for a in range(PROCESS.trend):
-            for b in range(PROCESS.trend):
+        for a in range(TREND):
+            for b in range(TREND):
                 normal[a, b] += beyond**a * right[i, b]
             for d in range(axes):
-                found[a, d] += beyond**a * right[i, PROCESS.trend + d]
-    solve(normal, found, PROCESS.trend)
+                found[a, d] += beyond**a * right[i, TREND + d]
+    solve(normal, found, TREND)
     for d in range(axes):
-        for i in range(PROCESS.points):
+        for i in range(POINTS):
             weights[i, d] = (
-                right[i, PROCESS.trend + d] - right[i, 0] * found[0, d] - right[i, 1] * found[1, d] if i < n else 0.0
+                right[i, TREND + d] - right[i, 0] * found[0, d] - right[i, 1] * found[1, d] if i < n else 0.0
             )
         trend[0, d], trend[1, d] = found[0, d] + motions[newest, 0, d], found[1, d]
 

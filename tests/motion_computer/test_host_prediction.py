@@ -26,7 +26,7 @@ def test_a_polynomial_is_continued_exactly() -> None:
     motions = np.full((60, 3, host_prediction.AXES), np.nan)
     motions[:, 0] = values
     for k in range(1, 61):
-        first = max(0, k - host_prediction.PREDICTING.kept)
+        first = max(0, k - host_prediction.KEPT)
         host_prediction.add_setpoint(prediction, times[first:k], motions[first:k], 0.017, 0.03)
     found = host_prediction.predicted(prediction, times[-1] + 0.04)
     for row, tolerance in enumerate((2e-7, 2e-5, 2e-3)):
@@ -187,7 +187,7 @@ def test_a_process_goes_through_its_points_and_has_its_own_slopes() -> None:
     rng = np.random.default_rng(2)
     times = np.cumsum(rng.uniform(0.01, 0.03, 20))
     places = np.column_stack([np.sin(2 * np.pi * f * times) + f for f in (0.5, 1.0, 2.0)])
-    weights, trend = np.zeros((host_process.PROCESS.points, 3)), np.zeros((host_process.PROCESS.trend, 3))
+    weights, trend = np.zeros((host_process.POINTS, 3)), np.zeros((host_process.TREND, 3))
     motions = np.repeat(places[:, None], 3, axis=1)
     host_process.fit_process(times, motions, 20, 0.1, weights, trend)
 
