@@ -31,7 +31,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed, number_at
 from hexsim.motion_computer.telemetry import unpack_telemetry
 from hexsim.simulation.serve import Server
-from hexsim.tracing.design.information import SHARP
+from hexsim.tracing.design.information import KNOWING
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "tracing"))
 LEAK = {"effects.leakage_supply_to_chamber.conductance_m3_s_Pa": 2.0e-12}
@@ -235,7 +235,7 @@ def coverage(journal: Path) -> list[str]:
             for name, values, errors, *_ in (row.get(stage) or {}).get("named", []):
                 size = next(iter(values))
                 value, error = values[size], errors.get(size) or np.inf
-                if name in RIGHT.get(row["effect"], ()) and error <= SHARP * abs(value):
+                if name in RIGHT.get(row["effect"], ()) and error <= KNOWING.sharp * abs(value):
                     true = number_of(row["effect"], row["effects"][row["effect"]])
                     kind = f"{'rough' if row['rough'] else 'clean'}, {stage}"
                     found.setdefault(kind, []).append(abs(value - true) < 2.0 * error)

@@ -31,8 +31,14 @@ ROOT = Path(__file__).parents[1]
 LONGEST_S = 180  # of processor time; who takes longer does not end, which a test would notice
 LOGS = "readers/test_clocks_by_truth.py readers/test_time_stamps.py readers/test_field_logs.py readers/test_readers.py"
 MODULES: dict[str, tuple[int, str]] = {  # module: places, tests
-    "hexsim.hydraulics.valve": (2, "hydraulics/test_valve.py hydraulics/test_leg.py"),
-    "hexsim.hydraulics.ports": (2, "hydraulics/test_four_way.py hydraulics/test_leg.py"),
+    "hexsim.hydraulics.valve": (
+        2,
+        "hydraulics/test_valve.py hydraulics/test_laminar_edge.py hydraulics/test_leg.py plant/test_valve_delay.py",
+    ),
+    "hexsim.hydraulics.ports": (
+        2,
+        "hydraulics/test_four_way.py hydraulics/test_laminar_edge.py hydraulics/test_leg.py",
+    ),
     "hexsim.hydraulics.chamber": (2, "hydraulics/test_chamber.py hydraulics/test_leg.py"),
     "hexsim.hydraulics.friction": (2, "hydraulics/test_friction.py hydraulics/test_leg.py"),
     "hexsim.hydraulics.oil": (2, "hydraulics/test_oil.py"),

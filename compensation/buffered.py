@@ -16,7 +16,7 @@ from .arithmetic import clip
 from .compensator import Context, Parameters
 from .compiled import compiled, compiled_callback
 from .desk import STEP, TICK, legs_on
-from .iterative import ZERO_VELOCITY_M_S
+from .iterative import FITS
 from .learned_parameters import beyond_volts
 from .report_functions import MOST_RANGES, RANGE, check_function, compensation_V
 from .rows import RowCompensator, RowState, V, all_are_finite, estimate_velocity, start_estimate
@@ -190,7 +190,7 @@ def collect(row, v, valve, u, rising):
     at = B.BUFFER + int(row[B.COUNT])
     row[at], row[at + length], row[at + 2 * length] = f[0], f[1], side
     row[B.COUNT] += 1.0
-    if abs(v) <= ZERO_VELOCITY_M_S:
+    if abs(v) <= FITS.zero_velocity_m_s:
         row[B.ZEROS + 2 * side] += volts
         row[B.ZEROS + 2 * side + 1] += 1.0
     if row[B.COUNT] < length:

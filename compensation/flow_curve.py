@@ -12,13 +12,23 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from typing import NamedTuple
 
 DISCHARGE_COEFFICIENT = math.pi / (math.pi + 2)  # report appendix A
-OIL_DENSITY_KG_M3 = 860.0  # report appendix A
-SPOOL_TRAVEL_M_PER_V = 1.1e-3 / 10.0  # report appendix A
-SPOOL_DIAMETER_M = 0.01  # report appendix A
+
+
+class ReportValve(NamedTuple):
+    """The report's valve, appendix A and Eq. 3.11."""
+
+    oil_density_kg_m3: float = 860.0  # appendix A
+    travel_m_V: float = 1.1e-3 / 10.0  # appendix A
+    spool_diameter_m: float = 0.01  # appendix A
+    quadratic_gain: float = 300.0  # [m2/m2] Eq. 3.11
+
+
+REPORT_VALVE = ReportValve()
+
 AREA_BOTTOM_M2 = math.pi / 4 * 0.04**2  # report appendix A
-QUADRATIC_GAIN = 300.0  # [m2/m2], report Eq. 3.11
 
 
 @dataclass(frozen=True)
@@ -60,8 +70,8 @@ def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> floa
 
 def overlap_curve(overlap_m: float = 5e-6, pressure_drop_Pa: float = 3.5e6, voltage_max_V: float = 10.0) -> FlowCurve:
     """Curve of the report's valve with a(x) = pi d (x - O_l) (Eq. 3.3) at one pressure drop."""
-    dead = overlap_m / SPOOL_TRAVEL_M_PER_V
-    gain = math.pi * SPOOL_DIAMETER_M * SPOOL_TRAVEL_M_PER_V * _speed(pressure_drop_Pa)
+    dead = overlap_m / REPORT_VALVE.travel_m_V
+    gain = math.pi * REPORT_VALVE.spool_diameter_m * REPORT_VALVE.travel_m_V * _speed(pressure_drop_Pa)
     end = gain * (voltage_max_V - dead)
     if dead == 0.0:
         return FlowCurve((-voltage_max_V, voltage_max_V), (-end, end))
@@ -70,7 +80,7 @@ def overlap_curve(overlap_m: float = 5e-6, pressure_drop_Pa: float = 3.5e6, volt
 
 def quadratic_curve(pressure_drop_Pa: float = 3.5e6, voltage_max_V: float = 10.0, knots: int = 401) -> FlowCurve:
     """Curve of the report's smooth valve, a(x) = 300 x^2 (Eq. 3.11, 5.1), knots dense around zero."""
-    gain = QUADRATIC_GAIN * SPOOL_TRAVEL_M_PER_V**2 * _speed(pressure_drop_Pa)
+    gain = REPORT_VALVE.quadratic_gain * REPORT_VALVE.travel_m_V**2 * _speed(pressure_drop_Pa)
     half = [voltage_max_V * (i / (knots // 2)) ** 2 for i in range(knots // 2 + 1)]
     volts = [-u for u in reversed(half[1:])] + half
     return FlowCurve(tuple(volts), tuple(math.copysign(gain * u * u, u) for u in volts))
@@ -78,4 +88,4 @@ def quadratic_curve(pressure_drop_Pa: float = 3.5e6, voltage_max_V: float = 10.0
 
 def _speed(pressure_drop_Pa: float) -> float:
     """Piston velocity [m/s] per flow area [m2]."""
-    return DISCHARGE_COEFFICIENT * math.sqrt(2 * pressure_drop_Pa / OIL_DENSITY_KG_M3) / AREA_BOTTOM_M2
+    return DISCHARGE_COEFFICIENT * math.sqrt(2 * pressure_drop_Pa / REPORT_VALVE.oil_density_kg_m3) / AREA_BOTTOM_M2

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,16 @@ from .learned_parameters import beyond_volts
 from .report_functions import MOST_RANGES, RANGE, check_function, compensation_V
 from .rows import RowCompensator, RowState, V, all_are_finite, estimate_velocity, start_estimate
 
-ZERO_VELOCITY_M_S = 1e-3  # "k- <= v <= k+", report 5.3
-FIT_S = 0.1  # between two fits, and of the means at standstill
-FEWEST = 5  # elements that a fit needs
+
+class Fits(NamedTuple):
+    """Constants of the fit of the learned curve."""
+
+    zero_velocity_m_s: float = 1e-3  # "k- <= v <= k+", report 5.3
+    every_s: float = 0.1  # between two fits, and of the means at standstill
+    fewest: int = 5  # elements that a fit needs
+
+
+FITS = Fits()
 
 
 class I(IntEnum):  # noqa: E742
@@ -193,7 +200,7 @@ def learn_as_reported(row, v, u):
     """One tick of 5.3 as it is printed."""
     ex, table = row[I.EXTREMES : I.CONTROL], row[I.TABLE :]
     ex[0], ex[1], ex[2], ex[3] = max(ex[0], v), min(ex[1], v), max(ex[2], u), min(ex[3], u)
-    if abs(v) <= ZERO_VELOCITY_M_S and row[I.TIME] > row[I.FADE_S]:
+    if abs(v) <= FITS.zero_velocity_m_s and row[I.TIME] > row[I.FADE_S]:
         ex[4], ex[5] = max(ex[4], u), min(ex[5], u)
     i = element_of(row, u)
     if i != row[I.ELEMENT]:
@@ -213,20 +220,20 @@ def learn(row, v, valve, u):
     s = slope(row)
     if s <= 0.0:
         return
-    if abs(v) <= ZERO_VELOCITY_M_S and ex[0] > 10 * ZERO_VELOCITY_M_S:
+    if abs(v) <= FITS.zero_velocity_m_s and ex[0] > 10 * FITS.zero_velocity_m_s:
         side = 4 if u > row[I.CONTROL] else 5  # either direction has its mean, so that both weigh the same
-        ex[side] += tick_s / FIT_S * (clip(valve, -row[I.A_MAX], row[I.A_MAX]) - ex[side])
+        ex[side] += tick_s / FITS.every_s * (clip(valve, -row[I.A_MAX], row[I.A_MAX]) - ex[side])
         row[I.R] = (ex[4] + ex[5]) / 2.0
     row[I.CONTROL] = u
     w = v / s + row[I.R]
     i = element_of(row, w)
-    if i != row[I.ELEMENT] and abs(v) > 2 * ZERO_VELOCITY_M_S:
+    if i != row[I.ELEMENT] and abs(v) > 2 * FITS.zero_velocity_m_s:
         at, count = I.TABLE + i, I.TABLE + (len(row) - I.TABLE) // 2 + i
         row[at] += max(row[I.UPDATE_GAIN], 1.0 / (1.0 + row[count])) * (valve - w - row[at])
         row[count] += 1.0
         row[I.ELEMENT] = i
     row[I.UPDATES] += 1.0
-    if row[I.UPDATES] >= FIT_S / tick_s:
+    if row[I.UPDATES] >= FITS.every_s / tick_s:
         row[I.UPDATES] = 0.0
         fit(row)
 
@@ -243,7 +250,7 @@ def fit(row):
             w = (i - half) * row[I.LIMIT] / half
             shape = compensation_V(row[I.FUNCTION], w, 1.0, b, b * row[I.R])
             visited, power, product = visited + 1, power + shape * shape, product + shape * row[I.TABLE + i]
-    if visited >= FEWEST:
+    if visited >= FITS.fewest:
         row[I.A] = clip(product / max(power, 1e-9), 0.0, row[I.A_MAX])
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,18 +28,30 @@ from .records import record
 ORDERS_AND_TICKS = ((1, 8), (2, 12), (2, 24), (2, 48), (2, 96), (3, 24), (3, 48), (3, 96), (4, 48), (4, 96))
 PREDICTORS, PAST = len(ORDERS_AND_TICKS), 97  # setpoints that are kept
 PREVIEW_TICKS, MAX_LOOK = 9, 13  # least and most that is looked ahead
-RATE_TICKS = 20.0  # T_e
-SHARE = 0.01  # low-pass of the squared errors, a tick
-FLOOR_M = 2e-7  # e_0
-STEP_ERRORS, STEP_M = 4.0, 3e-6  # error of one tick, over the usual one, that is a step
-STEADY_TICKS, MAX_OFFSET_M = 4, 5e-4  # between two steps; bound of all of them
-OFFSET_SHARE = 0.006  # of a step that comes in, a tick
-ACCELERATION_SHARE = 0.2  # low-pass of the predicted acceleration, a tick
-FOLLOW = 0.016  # rate with which what is given follows what is predicted, a tick
-MAX_CHANGE_M = 4e-7  # a tick squared: 0.1 m/s2 at 500 Hz, the most that following may add
-LOST_M = 0.02  # from what is predicted, from which following begins anew
-STRAIGHT_M = 1e-9  # second difference of a preview that is a straight line
-STRAIGHT_TICKS = 25  # for which a preview must be straight, and the motion not, until it counts as none
+
+
+class Following(NamedTuple):
+    """How setpoints are predicted, and how what is given follows the prediction."""
+
+    rate_ticks: float = 20.0  # T_e
+    share: float = 0.01  # low-pass of the squared errors, a tick
+    floor_m: float = 2e-7  # e_0
+    step_errors: float = 4.0  # of one tick, over the usual error, that are a step
+    step_m: float = 3e-6  # besides
+    steady_ticks: int = 4  # between two steps
+    max_offset_m: float = 5e-4  # bound of all of them
+    offset_share: float = 0.006  # of a step that comes in, a tick
+    acceleration_share: float = 0.2  # low-pass of the predicted acceleration, a tick
+    rate: float = 0.016  # rate with which what is given follows what is predicted, a tick
+    max_change_m: float = 4e-7  # a tick squared: 0.1 m/s2 at 500 Hz, the most that following may add
+    lost_m: float = 0.02  # from what is predicted, from which following begins anew
+    straight_m: float = 1e-9  # second difference of a preview that is a straight line
+    straight_ticks: int = 25  # for which a preview must be straight, and the motion not, until it counts as none
+    step_ticks: int = 12  # of the parabola that a step is told from
+
+
+FOLLOWING = Following()
+
 
 PREDICTION = record(  # state
     look="i8",
@@ -84,8 +97,7 @@ def prediction_table() -> np.ndarray:
     return table
 
 
-STEP_TICKS = 12  # of the parabola that a step is told from
-STEP_ROW = _row(2, STEP_TICKS, 1)
+STEP_ROW = _row(2, FOLLOWING.step_ticks, 1)
 
 
 @compiled
@@ -109,31 +121,31 @@ def watch_setpoint(p, count, bend, setpoint_m):
     p.place = place
     if count < 3:
         p.active = True
-    elif not -STRAIGHT_M < bend < STRAIGHT_M:
+    elif not -FOLLOWING.straight_m < bend < FOLLOWING.straight_m:
         p.straight_ticks, p.active = 0, False
     else:
         before, older = p.past_m[place + PAST - 12], p.past_m[place + PAST - 24]
-        if abs(setpoint_m - 2.0 * before + older) > 10.0 * STRAIGHT_M:
+        if abs(setpoint_m - 2.0 * before + older) > 10.0 * FOLLOWING.straight_m:
             p.straight_ticks += 1
-        p.active = p.straight_ticks > STRAIGHT_TICKS
+        p.active = p.straight_ticks > FOLLOWING.straight_ticks
     return p.active != 0
 
 
 @compiled
 def _without_steps(p, setpoint_m):
     """The setpoint less what packets made it jump by; that comes in later, with time."""
-    start, expected = p.place + PAST - STEP_TICKS + 1, 0.0
-    for i in range(STEP_TICKS):
+    start, expected = p.place + PAST - FOLLOWING.step_ticks + 1, 0.0
+    for i in range(FOLLOWING.step_ticks):
         expected += STEP_ROW[i] * p.past_m[start + i]
-    p.offset_m -= OFFSET_SHARE * p.offset_m
+    p.offset_m -= FOLLOWING.offset_share * p.offset_m
     error = setpoint_m - p.offset_m - expected
     size = abs(error)
-    limit = STEP_ERRORS * p.usual_m + STEP_M
+    limit = FOLLOWING.step_errors * p.usual_m + FOLLOWING.step_m
     p.steady_ticks += 1
-    if size > limit and p.steady_ticks > STEADY_TICKS:
-        p.offset_m = clip(p.offset_m + error, -MAX_OFFSET_M, MAX_OFFSET_M)
+    if size > limit and p.steady_ticks > FOLLOWING.steady_ticks:
+        p.offset_m = clip(p.offset_m + error, -FOLLOWING.max_offset_m, FOLLOWING.max_offset_m)
         p.steady_ticks = 0
-    p.usual_m += SHARE * (min(size, limit) - p.usual_m)
+    p.usual_m += FOLLOWING.share * (min(size, limit) - p.usual_m)
     return setpoint_m - p.offset_m
 
 
@@ -147,12 +159,12 @@ def predict(p, table, look, setpoint_m):
             for j in range(PREDICTORS):
                 p.predicted_m[i, j] = setpoint_m
     here, after, acceleration = _weighed(p, table[look - PREVIEW_TICKS], p.ticks % look, setpoint_m)
-    p.acceleration_m += ACCELERATION_SHARE * (acceleration - p.acceleration_m)
-    if not p.started or abs(here - p.last_m) > LOST_M:
+    p.acceleration_m += FOLLOWING.acceleration_share * (acceleration - p.acceleration_m)
+    if not p.started or abs(here - p.last_m) > FOLLOWING.lost_m:
         p.started, p.last_m, p.moved_m = True, 2.0 * here - after, after - here
     off = here - p.last_m - p.moved_m
-    change = 2.0 * FOLLOW * (after - here - acceleration - p.moved_m) + FOLLOW * FOLLOW * off
-    p.moved_m += p.acceleration_m + clip(change, -MAX_CHANGE_M, MAX_CHANGE_M)
+    change = 2.0 * FOLLOWING.rate * (after - here - acceleration - p.moved_m) + FOLLOWING.rate * FOLLOWING.rate * off
+    p.moved_m += p.acceleration_m + clip(change, -FOLLOWING.max_change_m, FOLLOWING.max_change_m)
     before = p.last_m
     p.last_m += p.moved_m
     return before, p.last_m, p.last_m + p.moved_m + p.acceleration_m
@@ -171,10 +183,10 @@ def _weighed(p, weights, slot, setpoint_m):
     total = here = after = acceleration = 0.0
     for j in range(PREDICTORS):
         error = p.predicted_m[slot, j] - setpoint_m
-        jump = RATE_TICKS * (error - p.error_m[j])
+        jump = FOLLOWING.rate_ticks * (error - p.error_m[j])
         p.error_m[j], p.predicted_m[slot, j] = error, ahead[j]
-        p.squares_m2[j] += SHARE * (error * error + jump * jump - p.squares_m2[j])
-        weight = (p.squares_m2[j] + FLOOR_M**2) ** -2
+        p.squares_m2[j] += FOLLOWING.share * (error * error + jump * jump - p.squares_m2[j])
+        weight = (p.squares_m2[j] + FOLLOWING.floor_m**2) ** -2
         total += weight
         here += weight * ahead[j]
         after += weight * ahead[j + PREDICTORS]

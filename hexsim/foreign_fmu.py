@@ -23,13 +23,21 @@ import weakref
 import zipfile
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from hexsim.errors import HexsimError, shortened
 
-OPEN_s = 10.0  # to unpack and initialise; compiled models take well below a second
-STEP_s = 5.0  # for one step of milliseconds
-UNPACKED_BYTES = 1 << 30  # on disk
+
+class Allowed(NamedTuple):
+    """What a foreign FMU may take."""
+
+    open_s: float = 10.0  # to unpack and initialise; compiled models take well below a second
+    step_s: float = 5.0  # for one step of milliseconds
+    unpacked_bytes: int = 1 << 30  # on disk
+
+
+ALLOWED = Allowed()
+
 LENGTH = struct.Struct("<I")
 
 
@@ -72,18 +80,20 @@ class ForeignFmu:
         self.close = weakref.finalize(self, _end, self._process, folder)
         threading.Thread(target=_watch, args=(weakref.ref(self),), daemon=True).start()
         self._receive(begin_s, "begins")
-        told = self._ask(OPEN_s, "is unpacked", do="open", path=os.path.abspath(self.path))
+        told = self._ask(ALLOWED.open_s, "is unpacked", do="open", path=os.path.abspath(self.path))
         self.variables: dict[str, tuple[int, str]] = {
             str(name): (int(reference), str(causality)) for name, reference, causality in told["variables"]
         }
 
     def start(self, inputs: list[int], outputs: list[int]) -> list[float]:
         """Instantiate and initialise it at time 0; the outputs [references] there."""
-        return self._values(OPEN_s, "is initialised", do="start", inputs=inputs, outputs=outputs)
+        return self._values(ALLOWED.open_s, "is initialised", do="start", inputs=inputs, outputs=outputs)
 
     def step(self, time_s: float, step_s: float, inputs: list[float]) -> list[float]:
         """Set the inputs, step from `time_s`, and give the outputs."""
-        return self._values(STEP_s, f"steps from {time_s:g} s", do="step", time_s=time_s, step_s=step_s, values=inputs)
+        return self._values(
+            ALLOWED.step_s, f"steps from {time_s:g} s", do="step", time_s=time_s, step_s=step_s, values=inputs
+        )
 
     def _values(self, limit_s: float, doing: str, **request: Any) -> list[float]:
         return [float(value) for value in self._ask(limit_s, doing, **request)["values"]]
@@ -230,8 +240,8 @@ def _check_archive(
     """Refuse what unpacks to too much, or elsewhere."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
-    if len(members) > most_files or sum(member.file_size for member in members) > UNPACKED_BYTES:
-        raise ValueError(f"it holds more than {most_files} files or {UNPACKED_BYTES >> 30} GB")
+    if len(members) > most_files or sum(member.file_size for member in members) > ALLOWED.unpacked_bytes:
+        raise ValueError(f"it holds more than {most_files} files or {ALLOWED.unpacked_bytes >> 30} GB")
     for member in members:
         parts = member.filename.replace("\\", "/").split("/")
         if ".." in parts or not parts[0] or ":" in parts[0] or stat.S_ISLNK(member.external_attr >> 16):
@@ -254,7 +264,7 @@ def _limit_memory(
         import resource
 
         resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (UNPACKED_BYTES, UNPACKED_BYTES))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (ALLOWED.unpacked_bytes, ALLOWED.unpacked_bytes))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 

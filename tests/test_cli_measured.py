@@ -181,14 +181,14 @@ def test_qualify_prints_what_was_judged(monkeypatch, tmp_path):
 
 def test_trace_lists_the_library_with_signatures():
     """Every effect of the library has a signature, a check and a way to mend it; the table has no others."""
+    from hexsim.hydraulics import effects
     from hexsim.hydraulics.advice import advice
-    from hexsim.hydraulics.effects import library
 
-    assert set(advice()) == set(library())
+    assert set(advice()) == set(effects.library())
     assert all(said.signature and said.check and said.mend for said in advice().values())
     shown = CliRunner().invoke(app, ["trace", "--list", "--json"])
     assert shown.exit_code == 0
-    assert {row["name"] for row in json.loads(shown.stdout)} == set(library())
+    assert {row["name"] for row in json.loads(shown.stdout)} == set(effects.library())
 
 
 def test_trace_explains_an_effect_with_a_picture(tmp_path):

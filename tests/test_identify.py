@@ -238,7 +238,7 @@ def test_the_bump_is_the_worst_peak_from_the_second_reversal_on():
     time = np.arange(0.0, 20.0, 1e-3)
     felt = 0.5 * np.sin(np.pi * time)
     for k in range(20):
-        felt += (0.8 if k == round(bump.FADE_s) else 0.3) * (-1) ** k * np.exp(-(((time - k - 0.5) / 0.02) ** 2))
+        felt += (0.8 if k == round(bump.MOTION.fade_s) else 0.3) * (-1) ** k * np.exp(-(((time - k - 0.5) / 0.02) ** 2))
     log = pl.DataFrame({"time_s": time, "acceleration_m_s2": felt})
     for given in (log, log.filter(pl.int_range(pl.len()) % 97 != 5)):
         assert bump.worst(bump.taken_apart(load_machine("bench"), given)) == pytest.approx(0.3, abs=0.04)

@@ -161,7 +161,7 @@ def test_memory_stays_flat_under_a_flood(spread):
     try:
         for k in range(50_000):
             link._take(replace(packet, sequence=k, time_s=spread * k).pack())
-        assert len(link.telemetry) <= links.READ
+        assert len(link.telemetry) <= links.PACKETS.read
     finally:
         link.close()
 

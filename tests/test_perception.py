@@ -82,6 +82,15 @@ def test_bumps_above_the_threshold_are_counted_by_reversals_and_by_time() -> Non
     assert found["time_felt"] == pytest.approx(10 * 2 * 0.03 * np.sqrt(np.log(0.4 / 0.154)) / 20.0, rel=0.15)
 
 
+def test_bumps_of_a_late_response_belong_to_their_reversals() -> None:
+    """150 ms behind the command with a bell at every reversal of the response: each is felt, though 300 ms off none would be near one."""
+    late = 0.15
+    bump = sum(0.4 * np.exp(-(((TIME - late - k - 0.5) / 0.03) ** 2)) for k in range(20))
+    found = felt(-W * W * 0.05 * np.sin(W * (TIME - late)) + bump)
+    assert found["delay_ms"] == pytest.approx(1e3 * late, abs=10.0)
+    assert found["reversals_felt"] > 0.9
+
+
 def test_rotations_are_felt_by_their_rate() -> None:
     """3 deg/s more than asked for, for a second in five: a fifth of the time above 2.05 deg/s in roll, none in heave."""
     wrong = np.radians(3.0) * (np.mod(TIME, 5.0) < 1.0)

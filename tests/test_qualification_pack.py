@@ -106,9 +106,9 @@ def test_the_record_goes_on_behind_what_is_judged():
     look ahead, has no acceleration beyond the largest before; the end of the record would be a stop of many times that."""
     machine = load_machine("micro_motion_system")
     scenario = part60.washed_out(washouts.Washout(), "x", machine, (1.5, 0.5, 1.0))
-    time = np.arange(0.0, part60.LENGTH_S + 0.1, 1e-3)
+    time = np.arange(0.0, part60.TRIAL.length_s + 0.1, 1e-3)
     asked = np.abs(np.diff(scenario.signals["x"].value(time), 2)) / 1e-6
-    ahead = time[1:-1] > part60.LENGTH_S - 0.05
+    ahead = time[1:-1] > part60.TRIAL.length_s - 0.05
     assert asked[ahead].max() <= 1.01 * asked[~ahead].max()
 
 
@@ -132,7 +132,7 @@ def test_onset_after_a_packet(machine):
     """Heave and roll set in after their packet and within a quarter of a second (plain control, with overlap); the asked
     acceleration itself reaches the share at asin(0.1)/2 pi of a second, and the platform not before."""
     rows, traces = part60.onset(machine, axes=("z", "roll"))
-    least = 1e3 * math.asin(part60.ONSET_SHARE) / (2.0 * math.pi)
+    least = 1e3 * math.asin(part60.TRIAL.onset_share) / (2.0 * math.pi)
     assert [row.limit for row in rows] == [150.0, 100.0] * 2
     assert all(row.value is not None and least < row.value < 250.0 for row in rows)
     assert set(traces[1].columns) == {"time_s", "asked_rad_s2", "platform_rad_s2"}
@@ -140,7 +140,7 @@ def test_onset_after_a_packet(machine):
 
 def test_an_axis_that_never_sets_in_is_outside(machine, monkeypatch):
     """Of a share that no platform reaches the rows have a limit and are not passed."""
-    monkeypatch.setattr(part60, "ONSET_SHARE", 5.0)
+    monkeypatch.setattr(part60, "TRIAL", part60.TRIAL._replace(onset_share=5.0))
     rows, _ = part60.onset(machine, axes=("z",))
     assert [row.passed for row in rows] == [False, False] and "not within" in rows[0].figure
 

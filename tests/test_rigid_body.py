@@ -170,6 +170,16 @@ def test_a_free_body_keeps_its_energy_and_its_spin():
     assert figures(state) == pytest.approx(before, rel=1e-8)
 
 
+def test_a_quaternion_turns_by_its_direction_alone():
+    """0.7 rad about (1, 2, 2)/3 by Rodrigues' formula, from quaternions of length 1, 0.5 and 3: rounding makes them so in a long run."""
+    axis = np.array([1.0, 2.0, 2.0]) / 3.0
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    rotation = np.eye(3) + np.sin(0.7) * cross + (1.0 - np.cos(0.7)) * cross @ cross
+    for length in (1.0, 0.5, 3.0):
+        w, x, y, z = length * np.array([np.cos(0.35), *(np.sin(0.35) * axis)])
+        assert np.array(rigid.rotation_of((w, x, y, z))) == pytest.approx(rotation, abs=1e-14)
+
+
 def test_the_spring_in_time_is_its_transfer_function():
     """q'' = -(w^2 q + 2 zeta w q') - felt integrated in 20 steps a sample gives back what `pushed_back` says: 2 % of its size."""
     spring, rate = rigid.Suspension(mass=1.0, omega=2 * np.pi * 6.0, damping=0.05), 1000.0

@@ -235,6 +235,12 @@ def test_zero_crossings_of_a_sine_between_samples():
     assert [r.end for r in found[:3]] == ["top", "bottom", "top"]
 
 
+def test_reversals_are_those_of_a_velocity_in_any_unit():
+    """A hundred-millionth of the velocity turns at the same instants."""
+    slow = smoothness.reversals_of_velocity(TIME, 1e-8 * np.cos(W * TIME - 0.4))
+    assert [r.time_s for r in slow] == pytest.approx((0.5 * np.pi + 0.4) / W + np.arange(20), abs=1e-6)
+
+
 def test_a_crossing_on_a_sample_counts_and_a_rest_does_not():
     """Velocity exactly 0 at a crossing sample: one reversal. A rest of 1 s between up and down, or at first: none."""
     triangle = np.concatenate([np.arange(5, -6, -1.0), np.arange(-4, 6, 1.0)])

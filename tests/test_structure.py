@@ -94,13 +94,21 @@ def is_number(value: ast.expr) -> bool:
     return all(isinstance(one, parts) for one in known) and any(type(one) in (int, float) for one in numbers)
 
 
+def statements(tree: ast.Module) -> list[ast.stmt]:
+    """Those of a module, and of its tables: its classes that are named tuples."""
+    tables = [
+        node for node in tree.body if isinstance(node, ast.ClassDef) and "NamedTuple" in map(ast.unparse, node.bases)
+    ]
+    return [*tree.body, *(line for table in tables for line in table.body)]
+
+
 def test_every_number_of_a_module_says_its_unit_or_reason():
-    """Beside it, in a comment on its lines, or on the line before or behind it."""
+    """Beside it, in a comment on its lines, or on the line before or behind it; the numbers of its tables too."""
     bare, n = [], 0
     for path in (path for room in ("hexsim", "compensation") for path in (ROOT / room).rglob("*.py")):
         text = path.read_text()
-        lines = ["", *text.splitlines(), ""]
-        for node in ast.parse(text).body:
+        lines = ["", *map(str.strip, text.splitlines()), ""]
+        for node in statements(ast.parse(text)):
             if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None and is_number(node.value):
                 n, own = n + 1, lines[node.lineno : (node.end_lineno or node.lineno) + 1]
                 before, behind = lines[node.lineno - 1], lines[(node.end_lineno or node.lineno) + 1]

@@ -78,10 +78,11 @@ class _Filter:
     """A continuous filter of n channels by the bilinear rule, direct form II transposed, from rest."""
 
     def __init__(self, over: ArrayLike, under: ArrayLike, rate_Hz: float) -> None:
-        b, a = (np.asarray(row) for row in scipy.signal.bilinear(np.atleast_1d(over), np.atleast_1d(under), rate_Hz))
-        self.b = np.r_[np.zeros(len(a) - len(b)), b] / a[0]
-        self.a = a / a[0]
-        self.memory = np.zeros(len(a))
+        b, self.a = (
+            np.asarray(row) for row in scipy.signal.bilinear(np.atleast_1d(over), np.atleast_1d(under), rate_Hz)
+        )
+        self.b = np.r_[np.zeros(len(self.a) - len(b)), b]  # a[0] is 1
+        self.memory = np.zeros(len(self.a))
 
     def step(self, value: float) -> float:
         out = self.b[0] * value + self.memory[0]

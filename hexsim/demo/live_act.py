@@ -10,7 +10,7 @@ from hexsim.errors import HexsimError
 from hexsim.machine import Machine
 from hexsim.machine.files import changed
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, legend, png, styled
+from hexsim.recording.figure_style import PAPER, legend, png, styled
 from hexsim.scenarios import Scenario
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.recent_motion import MotionFigures, RecentMotion, motion_figures
@@ -65,7 +65,7 @@ def page_picture(machine: Machine, machine_name: str, scenario: Scenario) -> byt
 @styled
 def chart(before: MotionFigures, after: MotionFigures) -> bytes:
     """The last reversals before and after, as the page draws them."""
-    figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 3.4), layout="constrained")
     for plot, end in zip(figure.subplots(1, 2, sharey=True), ("top", "bottom"), strict=True):
         plot.plot(before.curve_time_s, before.curves[end], color=palette.REFERENCE, lw=1.2, label="before")
         plot.plot(after.curve_time_s, after.curves[end], color=palette.RESPONSE, lw=1.4, label="after")

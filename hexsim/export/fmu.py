@@ -33,7 +33,7 @@ from hexsim.export.variables import COMPENSATOR, OUTPUT_KINDS, Variables, mass_b
 from hexsim.files.atomic import written_whole
 from hexsim.hydraulics.chamber import VAPOUR
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
-from hexsim.hydraulics.steps import LONGEST_S
+from hexsim.hydraulics.steps import STEP
 from hexsim.motion_computer.controller import N_MEMORY
 from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.motion_computer.leg_load import SPAN, ExpectedLoad
@@ -208,7 +208,7 @@ def _places(plant: Plant, variables: Variables) -> dict[str, float]:
         "N_VELOCITIES": plant.model.nv,
         "N_STIFF": native.N_STIFF,
         "TIMESTEP": plant.timestep or 0.0,
-        "LONGEST_PART": LONGEST_S,
+        "LONGEST_PART": STEP.longest_s,
         "LOAD_FREQUENCY": max((2 * np.pi * mode.frequency_Hz for mode in plant.resolved.payload_modes), default=0.0),
         "AREA_BOTTOM": int(P.AREA_BOTTOM),
         "AREA_TOP": int(P.AREA_TOP),

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.gym.task import LARGEST, N_SEEN, Episodes, Task, options_of, task_of
+from hexsim.gym.task import N_SEEN, SEEN, Episodes, Task, options_of, task_of
 from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.plant import PlantError
@@ -41,7 +41,7 @@ class HexsimEnv(gymnasium.Env):
         self.model: ModelKind = model
         self.episodes = Episodes(self.task, 1)
         n_legs = self.task.machine.n_legs
-        self.observation_space = gymnasium.spaces.Box(-LARGEST, LARGEST, (n_legs * N_SEEN,), np.float32)
+        self.observation_space = gymnasium.spaces.Box(-SEEN.largest, SEEN.largest, (n_legs * N_SEEN,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (n_legs,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -29,11 +29,24 @@ from hexsim.setpoints.signals import Sine
 
 Array = NDArray[np.float64]
 SECTIONS = ("valve", "friction", "load", "oil", "cylinder", "supply")
-AHEAD_s = (0.0, 0.01, 0.02)  # of the velocities that are shown: now, and what a valve of 60 Hz takes to answer
-ERROR_m, VELOCITY_m_s, ACCELERATION_m_s2, DEVIATION_m_s2 = 1e-3, 0.1, 0.5, 0.2  # what counts as 1
-BAND_Hz = (4.0, 50.0)  # above the motions, whose lag is no jolt
+
+
+class Seen(NamedTuple):
+    """Scales of what a policy sees and is rewarded for."""
+
+    # of the velocities that are shown: now, and what a valve of 60 Hz takes to answer
+    ahead_s: tuple[float, float, float] = (0.0, 0.01, 0.02)
+    error_m: float = 1e-3  # what counts as 1
+    velocity_m_s: float = 0.1  # likewise
+    acceleration_m_s2: float = 0.5  # likewise
+    deviation_m_s2: float = 0.2  # likewise
+    band_Hz: tuple[float, float] = (4.0, 50.0)  # above the motions, whose lag is no jolt
+    largest: float = 10.0  # of a number in an observation
+
+
+SEEN = Seen()
+
 N_SEEN = 8  # numbers a leg in an observation
-LARGEST = 10.0  # of a number in an observation
 
 
 def default_machine() -> Machine:
@@ -109,7 +122,7 @@ class Task:
 
     @property
     def preview_ticks(self) -> int:
-        return round(AHEAD_s[-1] / self.tick_s)
+        return round(SEEN.ahead_s[-1] / self.tick_s)
 
 
 def uncertain_key(machine: Machine, name: str) -> tuple[str, float]:
@@ -131,7 +144,7 @@ class Episodes:
         self.limit = np.array([leg.valve.voltage_max_V for leg in task.machine.legs])
         ends: list[Any] = [
             scipy.signal.butter(2, corner, kind, fs=1 / task.tick_s, output="sos")
-            for corner, kind in zip(BAND_Hz, ("highpass", "lowpass"), strict=True)
+            for corner, kind in zip(SEEN.band_Hz, ("highpass", "lowpass"), strict=True)
         ]
         self.filter = np.vstack(ends)
         shape = (n, self.n_legs)
@@ -188,7 +201,7 @@ class Episodes:
         self.deviation = self._banded(acceleration - self.reference(2))
         self.before, self.position, self.velocity = self.position, position, velocity
         self.step += 1
-        return -np.minimum(np.mean((self.deviation / DEVIATION_m_s2) ** 2, axis=1), worst)
+        return -np.minimum(np.mean((self.deviation / SEEN.deviation_m_s2) ** 2, axis=1), worst)
 
     def _banded(self, values: Array) -> Array:
         """One sample through the filter's sections (direct form II transposed)."""
@@ -199,17 +212,17 @@ class Episodes:
         return values
 
     def observations(self, pressure: Array) -> NDArray[np.float32]:
-        """(n, n_legs N_SEEN), float32, cut at +-LARGEST."""
-        ahead = [round(seconds / self.task.tick_s) for seconds in AHEAD_s]
+        """(n, n_legs N_SEEN), float32, cut at +-largest."""
+        ahead = [round(seconds / self.task.tick_s) for seconds in SEEN.ahead_s]
         seen = [
-            (self.reference(0) - self.position) / ERROR_m,
-            *(self.reference(1, ticks) / VELOCITY_m_s for ticks in ahead),
-            self.reference(2) / ACCELERATION_m_s2,
-            (self.position - self.before) / (self.task.tick_s * VELOCITY_m_s),
+            (self.reference(0) - self.position) / SEEN.error_m,
+            *(self.reference(1, ticks) / SEEN.velocity_m_s for ticks in ahead),
+            self.reference(2) / SEEN.acceleration_m_s2,
+            (self.position - self.before) / (self.task.tick_s * SEEN.velocity_m_s),
             (pressure - self.rest) / self.task.machine.supply.pressure_Pa,
             self.action,
         ]
-        return np.clip(np.stack(seen, axis=-1).reshape(self.n, -1), -LARGEST, LARGEST).astype(np.float32)
+        return np.clip(np.stack(seen, axis=-1).reshape(self.n, -1), -SEEN.largest, SEEN.largest).astype(np.float32)
 
     @property
     def is_over(self) -> NDArray[np.bool_]:

@@ -17,9 +17,9 @@ from mujoco.batch import Batch
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.gym.environment import legs_of
-from hexsim.gym.task import LARGEST, N_SEEN, Episodes, Task, options_of, task_of
+from hexsim.gym.task import N_SEEN, SEEN, Episodes, Task, options_of, task_of
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.steps import SHORTEST_S
+from hexsim.hydraulics.steps import STEP
 from hexsim.hydraulics.valve import delay_in_ticks
 from hexsim.plant import Plant
 from hexsim.plant.batch import PlatformBatch
@@ -52,7 +52,7 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         self.model: ModelKind = model
         self.episodes = Episodes(self.task, num_envs)
         box, n_legs = gymnasium.spaces.Box, self.task.machine.n_legs
-        self.single_observation_space = box(-LARGEST, LARGEST, (n_legs * N_SEEN,), np.float32)
+        self.single_observation_space = box(-SEEN.largest, SEEN.largest, (n_legs * N_SEEN,), np.float32)
         self.single_action_space = box(-1.0, 1.0, (n_legs,), np.float32)
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
@@ -64,7 +64,7 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         first = Plant(self.machines[0], model=self.model)
         plants = [first, *(Plant(machine, model=self.model) for machine in self.machines[1:])]
         sharpest = max(max(plant.step_rule().standstill, plant.step_rule().steady) for plant in plants)
-        if not sharpest * SHORTEST_S < 1.0:
+        if not sharpest * STEP.shortest_s < 1.0:
             raise HexsimError("one of the drawn machines asks for steps below 10 us: narrow the ranges")
         step = self.timestep or self.task.tick_s / np.ceil(sharpest * self.task.tick_s)
         self.substeps = round(self.task.tick_s / step)

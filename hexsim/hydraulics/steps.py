@@ -1,18 +1,18 @@
 """The time step of an explicit integrator (RK4), from the machine's own time constants: for the plant and for fits.
 
-    steps a second = max( 1/LONGEST_S,
-                          omega_spool/RING, 1/(R C)_line/RING, ...       what does not depend on the state
-                          omega_oil/RING,    omega_oil^2 = max eig(A A1^2) max(1/C)    oil springs at their present volumes
-                          -(dq/dP1)/C / FLOW                             open valve at little pressure drop
-                          1/FASTEST_LAW_S, omega_oil/CROSSING            where a chamber may cavitate within SOON_S, or did
-                          1/FASTEST_LAW_S                                accumulator empty
-                          max eig(A G)/STIFF  near standstill )          G: slope of the friction at v = 0
+    steps a second = max( 1/longest_s,
+                          omega_spool/ring, 1/(R C)_line/ring, ...       what does not depend on the state
+                          omega_oil/ring,    omega_oil^2 = max eig(A A1^2) max(1/C)    oil springs at their present volumes
+                          -(dq/dP1)/C / flow                             open valve at little pressure drop
+                          1/fastest_law_s, omega_oil/crossing            where a chamber may cavitate within soon_s, or did
+                          1/fastest_law_s                                accumulator empty
+                          max eig(A G)/stiff  near standstill )          G: slope of the friction at v = 0
 
 A (n_legs, n_legs) [1/kg] is the acceleration of each leg for a force on each. RK4 is stable up to h lambda = 2.78 on a
-real eigenvalue and delays a ring by (h omega)^4/120 of its phase. Laws faster than FASTEST_LAW_S ask for no shorter step:
+real eigenvalue and delays a ring by (h omega)^4/120 of its phase. Laws faster than fastest_law_s ask for no shorter step:
 they are slowed to it (`leg.leg_derivatives`, `supply.line_rate`).
 This is what keeps a step stable. What makes it accurate is the plant's own error of each step (`plant.stepping`); fits
-and FMUs, which have none, step for accuracy at a reversal too: RINGING_S near standstill and for RINGING_FOR_S after it.
+and FMUs, which have none, step for accuracy at a reversal too: ringing_s near standstill and for ringing_for_s after it.
 """
 
 from __future__ import annotations
@@ -40,18 +40,28 @@ from hexsim.hydraulics.supply import LINE, POWER_UNIT, S
 
 Array = NDArray[np.float64]
 
-LONGEST_S = 1.0e-3  # MuJoCo's ball ends of full legs (time constant 2 ms) take no longer one
-RINGING_S = 5.0e-4  # a step that follows the ring of a reversal, for who has no error of a step
-RINGING_FOR_S = 0.1  # five periods of the band's edge
-SHORTEST_S = 1.0e-5  # a hundredth of the longest: what asks for more is slowed or refused
-FASTEST_LAW_S = 1.0e-4  # time constant of the fastest law: 1 % of a period at 100 Hz, twice what people feel
-RING, FLOW, STIFF = 0.8, 1.0, 2.2  # largest h omega of a ring, h lambda of the valve's flow, h lambda of friction
-NEAR = 5.0  # widths of the friction's sign: tanh(5) = 1 - 1e-4
-EMPTY = 1.01  # of the precharge: the accumulator's capacity falls a thousandfold as its oil ends
-SOON_S = 3.0 * LONGEST_S  # a spool of 60 Hz shuts within 5 ms
-BELOW_AIR = 1.0e5  # [Pa] above vapour pressure: no chamber rests there
-CROSSING = 0.1  # largest h omega of a spring that begins or ends at once: (h omega)^2/8 of the speed is the error there
-SETTLED = 0.01  # of the speed: a bristle that deflects more slowly slides
+
+class Steps(NamedTuple):
+    """Limits of a time step."""
+
+    longest_s: float = 1.0e-3  # MuJoCo's ball ends of full legs (time constant 2 ms) take no longer one
+    ringing_s: float = 5.0e-4  # a step that follows the ring of a reversal, for who has no error of a step
+    ringing_for_s: float = 0.1  # five periods of the band's edge
+    shortest_s: float = 1.0e-5  # a hundredth of the longest: what asks for more is slowed or refused
+    fastest_law_s: float = 1.0e-4  # time constant of the fastest law: 1 % of a period at 100 Hz, twice what people feel
+    ring: float = 0.8  # largest h omega of a ring
+    flow: float = 1.0  # largest h lambda of the valve's flow
+    stiff: float = 2.2  # largest h lambda of friction
+    near: float = 5.0  # widths of the friction's sign: tanh(5) = 1 - 1e-4
+    empty: float = 1.01  # of the precharge: the accumulator's capacity falls a thousandfold as its oil ends
+    soon_s: float = 3.0 * longest_s  # a spool of 60 Hz shuts within 5 ms
+    below_air_Pa: float = 1.0e5  # above vapour pressure: no chamber rests there
+    # largest h omega of a spring that begins or ends at once: (h omega)^2/8 of the speed is the error there
+    crossing: float = 0.1
+    settled: float = 0.01  # of the speed: a bristle that deflects more slowly slides
+
+
+STEP = Steps()
 
 
 class StepRule(NamedTuple):
@@ -106,12 +116,12 @@ def own_frequency(p):
 @compiled
 def rule_of(springs, bristle, viscous, standstill, stop, stop_damping, own_rad_s, supply_rad_s):
     """The numbers of StepRule. Arguments: max eig(A K), K each of `stiffness`; rates of the machine's parts [rad/s]."""
-    ring = max(math.sqrt(bristle), own_rad_s, min(supply_rad_s, RING / FASTEST_LAW_S))
+    ring = max(math.sqrt(bristle), own_rad_s, min(supply_rad_s, STEP.ring / STEP.fastest_law_s))
     return (
-        max(1.0 / LONGEST_S, ring / RING, viscous / STIFF),
+        max(1.0 / STEP.longest_s, ring / STEP.ring, viscous / STEP.stiff),
         springs,
-        standstill / STIFF,
-        max(math.sqrt(stop) / RING, stop_damping / STIFF),
+        standstill / STEP.stiff,
+        max(math.sqrt(stop) / STEP.ring, stop_damping / STEP.stiff),
     )
 
 
@@ -157,7 +167,7 @@ def friction_width(p):
 @compiled
 def near_standstill(p, v, v_before):
     """Whether the leg is near standstill, or may come there within as long as it took from v_before to v."""
-    return abs(v) < NEAR * friction_width(p) + abs(v - v_before)
+    return abs(v) < STEP.near * friction_width(p) + abs(v - v_before)
 
 
 @compiled
@@ -165,17 +175,17 @@ def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
     """Steps a second [1/s] that a leg asks for in this state."""
     capacity = leg.chamber_capacity(p, y, P1)
     worn = worn_conductance(p, y)
-    law = max(worn - leg.flow_slope(p, x, P1, Ps), 0.0) / (capacity * FLOW)
+    law = max(worn - leg.flow_slope(p, x, P1, Ps), 0.0) / (capacity * STEP.flow)
     springs = 1.0 / capacity
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
         room = rod_side.capacity(p, y, P2)
-        law = max(law, (worn - top_slope(p, x, P2, Ps)) / (room * FLOW))
+        law = max(law, (worn - top_slope(p, x, P2, Ps)) / (room * STEP.flow))
         springs += (p[P.AREA_TOP] / p[P.AREA_BOTTOM]) ** 2 / room
-    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z, P2)) > SETTLED * abs(v):
-        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1, P2) * FLOW))
-    steps = max(math.sqrt(rule.springs * springs) / RING, min(law, 1.0 / FASTEST_LAW_S))
+    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z, P2)) > STEP.settled * abs(v):
+        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1, P2) * STEP.flow))
+    steps = max(math.sqrt(rule.springs * springs) / STEP.ring, min(law, 1.0 / STEP.fastest_law_s))
     if may_cavitate(p, y, v, x, P1, P2, Ps, capacity):
-        steps = max(steps, 1.0 / FASTEST_LAW_S, math.sqrt(rule.springs * springs) / CROSSING)
+        steps = max(steps, 1.0 / STEP.fastest_law_s, math.sqrt(rule.springs * springs) / STEP.crossing)
     if min(y, p[P.STROKE] - y) < p[P.CUSHION_LENGTH]:
         steps = max(steps, rule.stop)
     return steps
@@ -183,33 +193,33 @@ def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
 
 @compiled
 def may_cavitate(p, y, v, x, P1, P2, Ps, capacity):
-    """Is a pressure below that of the air, or on the way to that of vapour within SOON_S? capacity: of the bottom chamber.
+    """Is a pressure below that of the air, or on the way to that of vapour within soon_s? capacity: of the bottom chamber.
 
     Before the valve's flow is asked for: could what the piston sweeps do it alone?
     """
-    if min(P1, P2, Ps) < VAPOUR + BELOW_AIR:
+    if min(P1, P2, Ps) < VAPOUR + STEP.below_air_Pa:
         return True
-    swept = p[P.AREA_BOTTOM] * v * SOON_S
+    swept = p[P.AREA_BOTTOM] * v * STEP.soon_s
     if P1 - swept / capacity < VAPOUR:
         flow = supply_edge_flow(p, x, P1, Ps) - tank_edge_flow(p, x, P1)
-        if P1 + (SOON_S * flow - swept) / capacity < VAPOUR:
+        if P1 + (STEP.soon_s * flow - swept) / capacity < VAPOUR:
             return True
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_SUPPLY:
         return False
-    room, swept = rod_side.capacity(p, y, P2), -p[P.AREA_TOP] * v * SOON_S
+    room, swept = rod_side.capacity(p, y, P2), -p[P.AREA_TOP] * v * STEP.soon_s
     if P2 - swept / room >= VAPOUR:
         return False
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
         flow = top_supply_flow(p, x, P2, Ps) - top_tank_flow(p, x, P2)
     else:
         flow = rod_side.port_flow(p, P2, Ps)
-    return P2 + (SOON_S * flow - swept) / room < VAPOUR
+    return P2 + (STEP.soon_s * flow - swept) / room < VAPOUR
 
 
 @compiled
 def power_unit_steps(s, pump_pressure):
     """Steps a second [1/s] that a power unit asks for at this pressure of pump and accumulator."""
-    return 1.0 / FASTEST_LAW_S if pump_pressure + ATMOSPHERE_Pa < EMPTY * s[S.PRECHARGE] else 0.0
+    return 1.0 / STEP.fastest_law_s if pump_pressure + ATMOSPHERE_Pa < STEP.empty * s[S.PRECHARGE] else 0.0
 
 
 @compiled
@@ -218,13 +228,13 @@ def count_steps(rule, steps_a_second, is_near, span_s):
     steps = max(rule.steady, steps_a_second)
     if is_near:
         steps = max(steps, rule.standstill)
-    if not steps < 1.0 / SHORTEST_S:  # NaN of a diverging run too
-        steps = 1.0 / SHORTEST_S
+    if not steps < 1.0 / STEP.shortest_s:  # NaN of a diverging run too
+        steps = 1.0 / STEP.shortest_s
     return max(math.ceil(steps * span_s - 1e-6), 1)
 
 
 @compiled
 def count_steps_by_rule(rule, steps_a_second, calm_s, span_s):
     """`count_steps` for who has no error of a step: calm_s after a leg was last near standstill (0: one is)."""
-    asked = max(steps_a_second, 1.0 / RINGING_S) if calm_s < RINGING_FOR_S else steps_a_second
+    asked = max(steps_a_second, 1.0 / STEP.ringing_s) if calm_s < STEP.ringing_for_s else steps_a_second
     return count_steps(rule, asked, calm_s <= 0.0, span_s)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -32,9 +32,18 @@ from hexsim.studies.tune_start import FREQUENCY_Hz, half_hertz_sine, simulate_tw
 
 Array = NDArray[np.float64]
 ALGORITHM = "adaptive"
-FADE_s = 2.0  # to full size: short, so that the first reversal is one that is compensated
-PERIODS = 5  # at full size
-UNCHANGED = 0.9  # of the bump: what is left where plain control has acted
+
+
+class Motion(NamedTuple):
+    """The motion in which the bump is measured."""
+
+    fade_s: float = 2.0  # to full size: short, so that the first reversal is one that is compensated
+    periods: int = 5  # at full size
+    unchanged: float = 0.9  # of the bump: what is left where plain control has acted
+
+
+MOTION = Motion()
+
 LOGS = ("heave_plain", "heave_compensated")
 
 
@@ -58,7 +67,7 @@ class Bump:
     @property
     def share(self) -> str:
         """What is left of it, in words."""
-        if self.after > UNCHANGED * self.before:
+        if self.after > MOTION.unchanged * self.before:
             return "no smaller: the compensator did not act"
         return (
             f"1/{self.before / self.after:.0f}" if self.before > 2.5 * self.after else f"{self.after / self.before:.0%}"
@@ -67,7 +76,7 @@ class Bump:
     @property
     def left(self) -> str:
         """The same in a sentence's end."""
-        return f"{self.share} of it is left" if self.after <= UNCHANGED * self.before else self.share
+        return f"{self.share} of it is left" if self.after <= MOTION.unchanged * self.before else self.share
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -89,8 +98,8 @@ def heave(machine: Machine, at_full_size_s: float) -> dict[str, Any]:
     return {
         "name": "heave",
         "mode": "dof" if machine.is_hexapod else "actuator",
-        "duration_s": FADE_s + at_full_size_s,
-        "fade_s": FADE_s,
+        "duration_s": MOTION.fade_s + at_full_size_s,
+        "fade_s": MOTION.fade_s,
         "fade": "smooth",
         "axes": {axis: half_hertz_sine(machine)},
     }
@@ -98,7 +107,7 @@ def heave(machine: Machine, at_full_size_s: float) -> dict[str, Any]:
 
 def measured_heave(machine: Machine) -> dict[str, Any]:
     """The heave that the machine itself is driven in."""
-    return heave(machine, PERIODS / FREQUENCY_Hz + FADE_s)
+    return heave(machine, MOTION.periods / FREQUENCY_Hz + MOTION.fade_s)
 
 
 def start_parameters(
@@ -144,5 +153,5 @@ def taken_apart(machine: Machine, log: pl.DataFrame) -> HarmonicDeviation:
     if name not in log.columns:
         raise HexsimError(f"the machine sends no {name}: without an accelerometer nobody can tell its bump")
     rate = 1.0 / float(np.median(np.diff(time)))
-    even = np.arange(0.0, FADE_s + PERIODS / FREQUENCY_Hz, 1.0 / rate)
-    return harmonic_deviation(even, np.interp(even, time, log[name].to_numpy()), FREQUENCY_Hz, start_s=FADE_s)
+    even = np.arange(0.0, MOTION.fade_s + MOTION.periods / FREQUENCY_Hz, 1.0 / rate)
+    return harmonic_deviation(even, np.interp(even, time, log[name].to_numpy()), FREQUENCY_Hz, start_s=MOTION.fade_s)

@@ -12,15 +12,24 @@ import select
 import socket
 import time as clock
 from collections import deque
+from typing import NamedTuple
 
 from hexsim.errors import HexsimError
 from hexsim.motion_computer.host_limiter import PERIOD_s
 from hexsim.motion_computer.host_packet import REPLY_MAGIC, Reply, unpack_reply
 from hexsim.motion_computer.telemetry import LARGEST_PACKET, MAGIC, Telemetry, unpack_telemetry
 
-REFUSED_s = 0.05  # between two packets to it
-READ = 512  # packets at most between two of the host's: a log of 10 kHz, a row a packet, sends 100
-JUMP_s = 1.5  # by which a machine's clock may run ahead of the host's between two replies: a server makes up for 1 s
+
+class Packets(NamedTuple):
+    """Limits on a machine's packets."""
+
+    refused_s: float = 0.05  # between two packets to it
+    read: int = 512  # packets at most between two of the host's: a log of 10 kHz, a row a packet, sends 100
+    # by which a machine's clock may run ahead of the host's between two replies: a server makes up for 1 s
+    jump_s: float = 1.5
+
+
+PACKETS = Packets()
 
 
 class LinkLost(HexsimError):
@@ -28,7 +37,7 @@ class LinkLost(HexsimError):
 
 
 class Link:
-    """A connected UDP socket. reply: the newest that was taken; telemetry: what came since it was last emptied, the newest `READ`.
+    """A connected UDP socket. reply: the newest that was taken; telemetry: what came since it was last emptied, the newest `read`.
 
     patience_s: without a reply, by the host's clock, until the link is lost.
     """
@@ -36,7 +45,7 @@ class Link:
     def __init__(self, address: tuple[str, int], patience_s: float) -> None:
         self.address, self.patience_s = address, patience_s
         self.reply: Reply | None = None
-        self.telemetry: deque[Telemetry] = deque(maxlen=READ)
+        self.telemetry: deque[Telemetry] = deque(maxlen=PACKETS.read)
         self.instead = ""  # what came and could not be used, in words
         self._refusals = self._full = self._useless = 0
         self._heard_s = clock.monotonic()
@@ -73,7 +82,7 @@ class Link:
 
     def _refused(self) -> None:
         self._refusals += 1
-        clock.sleep(REFUSED_s)
+        clock.sleep(PACKETS.refused_s)
 
     def receive(self, until_s: float, wanted: int | None = None) -> bool:
         """Read what comes until this time of the monotonic clock, or until the reply to the packet `wanted` is there.
@@ -81,7 +90,7 @@ class Link:
         Raises LinkLost where the link is over: silence, a flood, a clock that cannot be right.
         """
         answered = False
-        for _ in range(READ):
+        for _ in range(PACKETS.read):
             left_s = max(until_s - clock.monotonic(), 0.0)
             if not select.select([self._socket], [], [], left_s)[0]:
                 self._full = 0
@@ -105,12 +114,12 @@ class Link:
         *,
         most_refusals: int = 6,  # in a row, of an address at which nobody listens
         most_full_reads: int = 50,  # so often in a row: a backlog in the socket is read in one
-        most_unusable: float = 8 * READ,  # of telemetry that nobody could use, more than was used
+        most_unusable: float = 8 * PACKETS.read,  # of telemetry that nobody could use, more than was used
     ) -> None:
         silent_s = clock.monotonic() - self._heard_s
         if self._full >= most_full_reads or self._useless > most_unusable:
             raise LinkLost(
-                f"the machine at {self.where} floods the host: more than {READ} packets for each of the host's; mend its rate "
+                f"the machine at {self.where} floods the host: more than {PACKETS.read} packets for each of the host's; mend its rate "
                 "of telemetry"
             )
         if self._refusals < most_refusals and silent_s < self.patience_s:
@@ -180,7 +189,7 @@ class Link:
                 raise LinkLost(
                     f"the machine's clock runs backwards, from {before.time_s:g} to {reply.time_s:g} s: was it started anew?"
                 )
-            if ran_s > max(own_s, asked_s) + JUMP_s:
+            if ran_s > max(own_s, asked_s) + PACKETS.jump_s:
                 raise LinkLost(
                     f"the machine's clock jumps from {before.time_s:g} to {reply.time_s:g} s: its log could not be trusted"
                 )
@@ -205,7 +214,7 @@ class Link:
         newest_s = self.reply.time_s if self.reply is not None else 0.0
         if rows.rate_Hz > fastest_Hz:
             self.instead = f"telemetry at {rows.rate_Hz:g} rows a second, at most {fastest_Hz:g} can be"
-        elif not self._rows_until_s - 0.5 / rows.rate_Hz < rows.time_s <= newest_s + JUMP_s:
+        elif not self._rows_until_s - 0.5 / rows.rate_Hz < rows.time_s <= newest_s + PACKETS.jump_s:
             if rows.time_s > newest_s:
                 self.instead = (
                     f"telemetry of the time {rows.time_s:g} s, while the machine's clock reads {newest_s:g} s"

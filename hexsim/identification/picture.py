@@ -13,7 +13,7 @@ from hexsim.identification.record import Round
 from hexsim.mechanics.mechanics import DOF_NAMES
 from hexsim.motion_computer.host_limiter import KINDS, MEMORY, HostLimiter
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, legend, plain_powers, styled
+from hexsim.recording.figure_style import PAPER, legend, plain_powers, styled
 from hexsim.recording.quantity import plain
 from hexsim.signals.channels import kind_of
 from hexsim.signals.table import places
@@ -33,7 +33,7 @@ ROUND_COLOURS = ("#9AA5B1", *palette.RUNS)
 @styled
 def story_figure(headline: str, budget: list[dict[str, Any]], bump: Bump | None) -> Figure:
     """Above: the residual of each kind of signal after each step. Below: the machine's bump before and after."""
-    figure = Figure(figsize=(WIDTH_IN, 5.9 if bump else 3.3), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 5.9 if bump else 3.3), layout="constrained")
     figure.suptitle(headline, x=0.01, ha="left", fontsize=12.5, fontweight="bold")
     rows = figure.subplots(2 if bump else 1, 1, squeeze=False, gridspec_kw={"hspace": 0.12})[:, 0]
     draw_budget(rows[0], budget)
@@ -119,7 +119,7 @@ def rounds_figure(rounds: list[Round]) -> Figure:
         found = errors_by_kind(one.error, "with_effect") or errors_by_kind(one.error, "refit")
         stages.append((f"round {one.number}", found))
     kinds = list(first)
-    figure = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 3.0), layout="constrained")
     plot = figure.add_subplot()
     width = 0.8 / len(stages)
     for k, (label, found) in enumerate(stages):
@@ -146,7 +146,7 @@ def motion_figure(limiter: HostLimiter, rows: np.ndarray, title: str) -> Figure:
     rows = np.pad(rows, ((MEMORY, MEMORY), (0, 0)))
     share, what = limiter.worst(rows)
     found = limiter.motion(rows)
-    figure = Figure(figsize=(WIDTH_IN, 7.2), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 7.2), layout="constrained")
     duration_s = len(rows) * limiter.period_s
     figure.suptitle(
         f"{title}: {duration_s:.0f} s, at most {100 * share:.0f} % of a limit ({what})",

@@ -35,7 +35,7 @@ from hexsim.motion_computer.host_limiter import setpoints_of
 from hexsim.motion_computer.states import State
 from hexsim.tracing import rules
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.information import SHARP, says_nothing
+from hexsim.tracing.design.information import KNOWING, says_nothing
 from hexsim.tracing.design.next_measurement import surviving
 from hexsim.tracing.design.words import one_term_words
 from hexsim.tracing.state import Trace
@@ -289,7 +289,7 @@ def open_points(result: Trace) -> list[str]:
             found.append(" or ".join((effect.candidate.label, *effect.apart)))
         for name, value in effect.values.items():
             error = effect.standard_errors.get(name, float("nan"))
-            if not says_nothing(effect.candidate.effect, name, value) and not error <= SHARP * abs(value):
+            if not says_nothing(effect.candidate.effect, name, value) and not error <= KNOWING.sharp * abs(value):
                 found.append(f"{name} of {effect.candidate.label} is known to {100 * error / abs(value):.0f} %")
     return found
 
@@ -303,6 +303,6 @@ def worth_a_run(design: dict[str, Any], more_is_left: bool) -> bool:
         return True
     return any(
         number["expected"] < rules.SHARPENED * number["standard_error"]
-        and number["standard_error"] > SHARP * abs(number["value"] or 1.0)
+        and number["standard_error"] > KNOWING.sharp * abs(number["value"] or 1.0)
         for number in design["numbers"]
     )

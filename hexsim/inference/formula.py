@@ -22,7 +22,7 @@ from hexsim.inference.likelihood import Fit
 from hexsim.inference.notebook import Notebook
 from hexsim.inference.remainder import OWN, Forms, looked_at, remainders, with_open_form
 from hexsim.inference.search import MOST_TRIED, Found, fitted_with
-from hexsim.inference.verdict import AT, Judgment, comes_to, judge, needed
+from hexsim.inference.verdict import GATES, Judgment, comes_to, judge, needed
 
 Array = np.ndarray
 
@@ -289,4 +289,4 @@ def same(form: Any, other: Judgment, best: Judgment) -> bool:
         return False
     k = other.fitted.names.index(form.exponent)
     n, error = other.fitted.theta[k], other.fitted.errors[k]
-    return any(abs(n - p) < AT * error and title == best.title for p, title in form.standard.items())
+    return any(abs(n - p) < GATES.at * error and title == best.title for p, title in form.standard.items())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,12 +13,21 @@ from hexsim.inference.held_out import HeldOut, mean_over_error
 from hexsim.inference.likelihood import Fit
 
 Array = np.ndarray
-CHANCE = 0.02  # that the best of the candidates compared gains so much by chance
-FALL = 1.0  # block errors by which the held-out error must fall
-GROWTH = 2.0  # block errors by which no channel's may grow
-END = 1e-3  # of a number's scale: at an end of its interval
-AT = 2.0  # errors within which a number cannot be told from a value
-SURE = 1.0  # spreads over bands and stretches that one amplitude must have: else it is as much another one as itself
+
+
+class Gates(NamedTuple):
+    """Odds and standard errors that decide between named, likely and refused."""
+
+    chance: float = 0.02  # that the best of the candidates compared gains so much by chance
+    fall: float = 1.0  # block errors by which the held-out error must fall
+    growth: float = 2.0  # block errors by which no channel's may grow
+    end: float = 1e-3  # of a number's scale: at an end of its interval
+    at: float = 2.0  # errors within which a number cannot be told from a value
+    # spreads over bands and stretches that one amplitude must have: else it is as much another one as itself
+    sure: float = 1.0
+
+
+GATES = Gates()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,8 +101,8 @@ def of_machine(fitted: Fit) -> list[str]:
 
 
 def needed(compared: int) -> float:
-    """Gain [nats] that the best of so many candidates has by chance with odds CHANCE, one number more each."""
-    return math.log(max(compared, 1) / CHANCE)
+    """Gain [nats] that the best of so many candidates has by chance with odds chance, one number more each."""
+    return math.log(max(compared, 1) / GATES.chance)
 
 
 def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: str, needed: float) -> tuple[str, str]:
@@ -101,7 +110,7 @@ def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: st
     nats = float(gains.sum())
     best = max(errors, key=lambda name: errors[name][2])
     fall = 1.0 - errors[best][1] / errors[best][0] if errors[best][0] > 0 else 0.0
-    worse = [name for name, (_, _, t) in errors.items() if t < -GROWTH]
+    worse = [name for name, (_, _, t) in errors.items() if t < -GATES.growth]
     if nats <= 0.0:
         return "refused", f"held-out motion is {-nats:.1f} nats less likely with it"
     if worse:
@@ -113,7 +122,7 @@ def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: st
         return "likely", f"gain of {nats:.1f} nats, {needed:.1f} are needed"
     if nats - float(gains.max()) <= 0.0:
         return "likely", "the gain comes from one part of the motion only"
-    if errors[best][2] < FALL:
+    if errors[best][2] < GATES.fall:
         change = f"{'falls' if fall >= 0.0 else 'grows'} by {100 * abs(fall):.1f} %"
         return "likely", f"the held-out error {change}, which is within its block error"
     if unsure:
@@ -122,11 +131,11 @@ def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: st
 
 
 def stand_in(fitted: Fit, amplitude: Sequence[str]) -> str:
-    """Why an effect is another one from band to band or run to run: no amplitude of it is SURE errors from 0, with its spread in them."""
+    """Why an effect is another one from band to band or run to run: no amplitude of it is sure errors from 0, with its spread in them."""
     unsure = ""
     for name in amplitude:
         i = fitted.names.index(name)
-        if abs(fitted.theta[i]) > SURE * fitted.spread[i]:
+        if abs(fitted.theta[i]) > GATES.sure * fitted.spread[i]:
             return ""
         apart = f"{fitted.spread[i]:.2g} ({fitted.theta[i]:.3g} on the whole)"
         unsure = f"{name} differs between bands or runs by {apart}: a stand-in for something else"
@@ -139,7 +148,7 @@ def without_size(steps: Sequence[Judgment], final: Fit) -> list[Judgment]:
     doubted = []
     for step in steps:
         sizes = [(name, final.value(name), final.error(name)) for name in step.candidate.amplitude]
-        if sizes and all(abs(value) < AT * error for _, value, error in sizes):
+        if sizes and all(abs(value) < GATES.at * error for _, value, error in sizes):
             name, value, error = sizes[0]
             why = f"{name} cannot be told from 0: {value:.3g} +- {error:.2g} over bands and runs, a stand-in"
             doubted.append(replace(step, verdict="likely", why=why))
@@ -154,16 +163,16 @@ def replaced(fitted: Fit, before: Sequence[Fit]) -> str:
 
 
 def at_end(fitted: Fit) -> set[str]:
-    """Numbers at an end of their interval: nearer than END of a typical change."""
+    """Numbers at an end of their interval: nearer than end of a typical change."""
     return {
         number.name
         for number, x in zip(fitted.problem.numbers, fitted.theta, strict=True)
-        if min(x - number.low, number.high - x) < END * number.scale
+        if min(x - number.low, number.high - x) < GATES.end * number.scale
     }
 
 
 def with_ties(one: Judgment, judged: Sequence[Judgment]) -> Judgment:
-    """Others that are not less likely with odds of 1 to 1 / CHANCE, even where something else speaks against their names."""
+    """Others that are not less likely with odds of 1 to 1 / chance, even where something else speaks against their names."""
     near = [
         other
         for other in judged
@@ -177,7 +186,7 @@ def comes_to(other: Judgment, one: Judgment) -> bool:
     """Does the other one have more numbers, one of which cannot be told from an end of its interval? It is the simpler one there."""
     numbers = zip(other.fitted.problem.numbers, other.fitted.theta, other.fitted.errors, strict=True)
     return other.count > one.count and any(
-        number.name not in one.fitted.names and min(x - number.low, number.high - x) < AT * error
+        number.name not in one.fitted.names and min(x - number.low, number.high - x) < GATES.at * error
         for number, x, error in numbers
     )
 

@@ -47,9 +47,9 @@ class Suspension(NamedTuple):
     mass: float
     omega: float
     damping: float
-    axis: Vector = (0.0, 0.0, 1.0)
-    place: Vector = (0.0, 0.0, 0.0)
-    rest: float = 0.0
+    axis: Vector = (0.0, 0.0, 1.0)  # up
+    place: Vector = (0.0, 0.0, 0.0)  # in the origin
+    rest: float = 0.0  # unstressed
 
 
 @compiled

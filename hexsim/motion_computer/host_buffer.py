@@ -3,7 +3,7 @@
 Setpoints are played `delay` after the host's clock. With a declared latency, which may be 0, what has not come yet is
 predicted (`host_prediction`). Without one the delay is two packet periods, so that as a rule a later setpoint is already
 there. In between a cubic through the neighbouring setpoints (Catmull-Rom on their own times) gives position, velocity
-and acceleration; where nothing later has come, the target continues with its velocity for `COAST_S` and stands still.
+and acceleration; where nothing later has come, the target continues with its velocity for `coast_s` and stands still.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right, insort
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,20 @@ from hexsim.motion_computer.host_prediction import AXES, KEPT, add_setpoint, new
 
 Array = NDArray[np.float64]
 HISTORY = KEPT  # setpoints
-COAST_S = 0.03  # and the longer of both where the future is predicted
-CLOCK_S = (
-    0.5  # in which what is played follows the offset: a packet that comes earlier than all before moves nothing at once
-)
-SHORTEST_GAP_S = 1.0e-4  # between two setpoints
-NEW_SESSION_S = 1.0  # of silence; then the next packet begins a session
-FASTEST_Hz = 2000.0  # no host sends faster
+
+
+class Playing(NamedTuple):
+    """Constants of how a host's setpoints are played."""
+
+    coast_s: float = 0.03  # and the longer of both where the future is predicted
+    # in which what is played follows the offset: a packet that comes earlier than all before moves nothing at once
+    clock_s: float = 0.5
+    shortest_gap_s: float = 1.0e-4  # between two setpoints
+    new_session_s: float = 1.0  # of silence; then the next packet begins a session
+    fastest_Hz: float = 2000.0  # no host sends faster
+
+
+PLAYING = Playing()
 
 
 def _ahead(
@@ -43,7 +51,7 @@ def _follows(before: HostCommand, command: HostCommand) -> bool:
     """Whether a packet continues another: sequence a few ahead, time later by less than a new session's."""
     return (
         0 < _ahead(before.sequence, command) <= HISTORY
-        and SHORTEST_GAP_S <= command.time_s - before.time_s < NEW_SESSION_S
+        and PLAYING.shortest_gap_s <= command.time_s - before.time_s < PLAYING.new_session_s
     )
 
 
@@ -90,7 +98,7 @@ class HostBuffer:
     ) -> bool:
         """Take a command that arrived at machine time now_s; False when it is not used. Any input is allowed."""
         newest = self.newest
-        if newest is not None and now_s - self.last_packet_s > NEW_SESSION_S:
+        if newest is not None and now_s - self.last_packet_s > PLAYING.new_session_s:
             self._clear()
             newest = None
         if newest is None:
@@ -103,7 +111,7 @@ class HostBuffer:
                 self.counts["duplicate"] += 1
                 return False
             early = command.time_s + self._offset - now_s
-            missed = ahead > HISTORY + FASTEST_Hz * (now_s - self.last_packet_s)
+            missed = ahead > HISTORY + PLAYING.fastest_Hz * (now_s - self.last_packet_s)
             if (
                 ahead == 0
                 or same
@@ -112,7 +120,7 @@ class HostBuffer:
                 or (ahead > 0) != (command.time_s > newest.time_s)
             ):
                 return self._resynchronise(command, now_s)
-            if any(abs(time - command.time_s) < SHORTEST_GAP_S for time, _, _ in self._samples):
+            if any(abs(time - command.time_s) < PLAYING.shortest_gap_s for time, _, _ in self._samples):
                 self.counts["inconsistent"] += 1
                 return False
             if ahead < 0 and command.time_s <= self._played:
@@ -124,7 +132,7 @@ class HostBuffer:
                 self._period += 0.1 * (gap - self._period) if self._period else gap
             gap = max(now_s - self.last_packet_s, 0.0)
             self._offset = min(self._offset + drift * gap, now_s - command.time_s)
-            self._smooth += (1.0 - math.exp(-gap / CLOCK_S)) * (self._offset - self._smooth)
+            self._smooth += (1.0 - math.exp(-gap / PLAYING.clock_s)) * (self._offset - self._smooth)
         is_newer = newest is None or command.time_s > newest.time_s
         if is_newer:
             self.newest = command
@@ -145,7 +153,7 @@ class HostBuffer:
         if self.latency_s is None:
             return
         times, motions = np.array([one[0] for one in self._samples]), np.array([one[2] for one in self._samples])
-        period = self._period or COAST_S
+        period = self._period or PLAYING.coast_s
         horizon = (max(self.ahead_s + 0.5 * period - self.latency_s, least_horizon_s),) if fit is add_setpoint else ()
         fit(self._prediction, times, motions, period, *horizon)
 
@@ -208,7 +216,7 @@ class HostBuffer:
     ) -> tuple[Array, Array, Array]:
         """The target at a time of the host's clock, by its setpoints so far; beyond the longest coasting at rest."""
         newest = self._samples[-1][0]
-        longest = max(self.ahead_s - latency_s, 0.0) + max(COAST_S, coast_periods * self._period)
+        longest = max(self.ahead_s - latency_s, 0.0) + max(PLAYING.coast_s, coast_periods * self._period)
         position, velocity, acceleration = predicted(self._prediction, min(time, newest + longest))
         moving = float(time <= newest + longest)
         return position, moving * velocity, moving * acceleration
@@ -247,6 +255,6 @@ class HostBuffer:
         last, zero = len(self._samples) - 1, np.zeros(6)
         beyond = time - self._samples[last][0]
         slope = self._slope(last) if last > 0 else zero
-        if beyond > COAST_S:
-            return self._samples[last][2][0] + COAST_S * slope, zero, zero
+        if beyond > PLAYING.coast_s:
+            return self._samples[last][2][0] + PLAYING.coast_s * slope, zero, zero
         return self._samples[last][2][0] + beyond * slope, slope, zero

@@ -11,7 +11,7 @@ unchanged. Of any other what is kept is the largest of: the motion scaled, and t
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,21 @@ from hexsim.scenarios.scenario import scenario_from_dict
 Array = NDArray[np.float64]
 PERIOD_s = 0.01  # between the packets of a host that identifies
 KINDS = ("excursion", "velocity", "acceleration", "jerk")
-ROUNDING = 1e-6  # of a limit, which differences of samples may be off
+
+
+class Smoothing(NamedTuple):
+    """How a motion is smoothed that is beyond its limits, or is broken off."""
+
+    rounding: float = 1e-6  # of a limit, which differences of samples may be off
+    # samples by which a motion beyond its limits is smoothed
+    windows: tuple[int, ...] = (1, 3, 5, 9, 17, 33, 65, 129, 257)
+    stops_s: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8)  # in which a motion that is broken off comes to rest
+    returns_s: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # in which it is then back at neutral
+
+
+SMOOTHING = Smoothing()
+
 MEMORY = len(KINDS) - 1  # samples that a jerk looks back
-WINDOWS = (1, 3, 5, 9, 17, 33, 65, 129, 257)  # samples by which a motion beyond its limits is smoothed
-STOPS_s = (0.1, 0.2, 0.4, 0.8)  # in which a motion that is broken off comes to rest
-RETURNS_s = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # in which it is then back at neutral
 
 
 def setpoints_of(machine: Machine, tables: dict[str, Any], period_s: float = PERIOD_s) -> Array:
@@ -97,14 +107,14 @@ class HostLimiter:
         axis that the machine has not.
         """
         rows = self._checked(rows)
-        if self.share(rows) <= 1.0 + ROUNDING:
+        if self.share(rows) <= 1.0 + SMOOTHING.rounding:
             return rows
         size = float(np.sqrt(np.sum(rows**2)))
         best: tuple[float, Array] = (-1.0, rows)
-        for width in WINDOWS:
+        for width in SMOOTHING.windows:
             smooth = _smoothed(rows, width)
             kept = min(1.0, within / self.share(smooth)) * float(np.sqrt(np.sum(smooth**2))) / size
-            if kept > best[0] + ROUNDING:
+            if kept > best[0] + SMOOTHING.rounding:
                 best = kept, smooth
         rows = best[1]
         while (share := self.share(rows)) > within:  # legs are not quite linear in the pose
@@ -136,13 +146,16 @@ class HostLimiter:
             if further > len(planned):
                 continue
             past = np.concatenate([sent, planned[:further]])
-            for stop_s in STOPS_s:
+            for stop_s in SMOOTHING.stops_s:
                 stop = self._stopped(past[-MEMORY:], stop_s)
-                if self.worst(np.concatenate([past, stop, np.repeat(stop[-1:], MEMORY, axis=0)]))[0] > 1.0 + ROUNDING:
+                if (
+                    self.worst(np.concatenate([past, stop, np.repeat(stop[-1:], MEMORY, axis=0)]))[0]
+                    > 1.0 + SMOOTHING.rounding
+                ):
                     continue
-                for return_s in RETURNS_s:
+                for return_s in SMOOTHING.returns_s:
                     back = (1.0 - _smooth_step(round(return_s / self.period_s)))[:, None] * stop[-1]
-                    if self.worst(np.concatenate([past, stop, back]))[0] <= 1.0 + ROUNDING:
+                    if self.worst(np.concatenate([past, stop, back]))[0] <= 1.0 + SMOOTHING.rounding:
                         return np.concatenate([planned[:further], stop, back])
         return planned
 
@@ -176,7 +189,7 @@ class Gate:
                 raise HexsimError("a host without the machine's declaration drives nothing: give Host its machine")
         else:
             share, what = self.limiter.worst(rows) if np.isfinite(rows).all() else (np.inf, "value")
-            if share > 1.0 + 2.0 * ROUNDING:
+            if share > 1.0 + 2.0 * SMOOTHING.rounding:
                 raise HexsimError(
                     f"a setpoint was not sent: its {what} is {share:.3g} times what [host_limits] allows; pass the motion "
                     "through `HostLimiter.limit` first"

@@ -1,6 +1,6 @@
 """UDP link to the host: takes the commands of one host at a time, and answers it.
 
-The host keeps the link until no packet of it was taken for `NEW_SESSION_S`, by machine time or by this computer's clock:
+The host keeps the link until no packet of it was taken for `new_session_s`, by machine time or by this computer's clock:
 in lockstep machine time waits for packets. Anything else is counted, with the reason, and ignored.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.motion_computer.compensator_packet import LARGEST, AskedCompensator, Piece, Texts, is_asking, unpack_piece
-from hexsim.motion_computer.host_buffer import NEW_SESSION_S, HostBuffer
+from hexsim.motion_computer.host_buffer import PLAYING, HostBuffer
 from hexsim.motion_computer.host_packet import HostCommand, Reply, unpack_command
 from hexsim.packets import Refusals
 
@@ -116,13 +116,13 @@ class HostLink:
     def _peer_is_gone(self) -> bool:
         """By this computer's clock, and after 16 reads of the socket without its packets: 16 x 64 are more than a socket
         holds."""
-        return clock.monotonic() - self._heard_s > NEW_SESSION_S and self._reads - self._heard_read > 16
+        return clock.monotonic() - self._heard_s > PLAYING.new_session_s and self._reads - self._heard_read > 16
 
     def _is_free(self, now_s: float) -> bool:
         """Whether another host may take over; the first packet, whoever sends it, then begins a session."""
         if self.peer is not None and self._peer_is_gone:
             self.buffer.last_packet_s = -np.inf
-        return self.peer is None or now_s - self.buffer.last_packet_s > NEW_SESSION_S
+        return self.peer is None or now_s - self.buffer.last_packet_s > PLAYING.new_session_s
 
     def send(self, reply: Reply) -> None:
         self.send_packet(reply.pack())

@@ -12,16 +12,25 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables
 from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of
 
-STANDARD = (0.5, 1.0, 1.5, 2.0, 3.0)  # exponents of laws: roots, areas, weirs and contacts, kinetic pressure, cubes
-KNEES = (-0.6, -0.3, 0.0, 0.3, 0.6)  # of half the range: starts of a knee
-WIDTHS = (0.05, 0.2, 0.6)  # of half the range: starts of tanh's width
-EXPONENTS = (0.7, 1.3, 1.7, 2.5)  # starts of a fitted exponent
-PLAYS = (0.1, 0.25, 0.5, 1.0, 1.5)  # widths, of half the range of a place; 2 would never be filled
+
+class Starts(NamedTuple):
+    """Starts of the search: exponents that laws have, and where fitted numbers begin."""
+
+    # exponents of laws: roots, areas, weirs and contacts, kinetic pressure, cubes
+    standard: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0, 3.0)
+    knees: tuple[float, ...] = (-0.6, -0.3, 0.0, 0.3, 0.6)  # of half the range: starts of a knee
+    widths: tuple[float, ...] = (0.05, 0.2, 0.6)  # of half the range: starts of tanh's width
+    exponents: tuple[float, ...] = (0.7, 1.3, 1.7, 2.5)  # starts of a fitted exponent
+    # widths, of half the range of a place; 2 would never be filled
+    plays: tuple[float, ...] = (0.1, 0.25, 0.5, 1.0, 1.5)
+
+
+STARTS = Starts()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +105,7 @@ def sines(
 
 def bends(s: Signal) -> Iterator[Factor]:
     """tanh, a knee, and a fitted exponent."""
-    for w in () if s.positive else WIDTHS:
+    for w in () if s.positive else STARTS.widths:
         width = EffectNumber(start=w * s.half, low=1e-3 * s.half, high=10.0 * s.half, scale=0.1 * s.half, unit=s.unit)
         yield Factor(
             kind=f"tanh({s.name} / w)",
@@ -105,7 +114,7 @@ def bends(s: Signal) -> Iterator[Factor]:
             numbers={"form_width": width},
             start=f"width {w}",
         )
-    for c, up in itertools.product(KNEES, (True, False)):
+    for c, up in itertools.product(STARTS.knees, (True, False)):
         knee = EffectNumber(
             start=s.middle + c * s.half, low=s.middle - s.half, high=s.middle + s.half, scale=0.1 * s.half, unit=s.unit
         )
@@ -120,9 +129,9 @@ def bends(s: Signal) -> Iterator[Factor]:
             never_negative=True,
             start=f"knee {c}",
         )
-    whole, ways = list(powers(s, STANDARD)), 1 if s.positive else 2
-    odd, even = ({p: whole[ways * k + j].kind for k, p in enumerate(STANDARD)} for j in (0, ways - 1))
-    for n in EXPONENTS:
+    whole, ways = list(powers(s, STARTS.standard)), 1 if s.positive else 2
+    odd, even = ({p: whole[ways * k + j].kind for k, p in enumerate(STARTS.standard)} for j in (0, ways - 1))
+    for n in STARTS.exponents:
         exponent = EffectNumber(start=n, low=0.0, high=8.0, scale=0.3, unit="1")
         known = {
             "size": s.size**n,
@@ -138,7 +147,7 @@ def bends(s: Signal) -> Iterator[Factor]:
 
 
 def alone(s: Signal) -> list[Factor]:
-    return [*powers(s, STANDARD), *side_of(s), *sines(s), *bends(s)]
+    return [*powers(s, STARTS.standard), *side_of(s), *sines(s), *bends(s)]
 
 
 def first_of(s: Signal) -> list[Factor]:
@@ -314,7 +323,7 @@ def memories(
     late = [{"kind": "lag", "time_s": first_samples * own.T * later_ratio**k} for k in range(count)]
     kinds = [(name, adds, scale, [{"of": of, **one} for one in late]) for name, of, adds, scale in asked]
     if at is not None:
-        plays = [{"kind": "backlash", "of": at, "width": width * own.P} for width in PLAYS]
+        plays = [{"kind": "backlash", "of": at, "width": width * own.P} for width in STARTS.plays]
         kinds.append((f"{at} with play", "{memory}", 1.0 / own.P, plays))
     return [
         [some_memory(tables, on, name, adds, scale, one, own, k) for k, one in enumerate(tries)]

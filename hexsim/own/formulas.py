@@ -10,15 +10,23 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy
 
 from hexsim.errors import HexsimError
 
-LONGEST = 4000  # characters of a formula
-MOST_NODES = 4000  # of a formula with the formulas it names put in
-DEEPEST = 10  # formulas that name formulas
+
+class Bounds(NamedTuple):
+    """Largest formula."""
+
+    longest: int = 4000  # characters of a formula
+    most_nodes: int = 4000  # of a formula with the formulas it names put in
+    deepest: int = 10  # formulas that name formulas
+
+
+BOUNDS = Bounds()
+
 Expr = Any  # of sympy, whose stubs know less than sympy does
 RATES = ("rate", "rate2")  # derivatives under a window: balances only
 OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
@@ -140,8 +148,10 @@ def tree_of(
     most_levels: int = 200,  # of brackets and operators in each other; a sum of n terms has n
 ) -> ast.expr:
     """The checked tree of a formula: numbers, names, + - * / ** and these functions. Raises HexsimError for anything else."""
-    if len(text) > LONGEST:
-        raise HexsimError(f"{where}: a formula of {len(text)} characters; at most {LONGEST}: give parts of it a name")
+    if len(text) > BOUNDS.longest:
+        raise HexsimError(
+            f"{where}: a formula of {len(text)} characters; at most {BOUNDS.longest}: give parts of it a name"
+        )
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         nodes = list(ast.walk(tree))

@@ -23,18 +23,7 @@ from hexsim.errors import HexsimError
 from hexsim.inference.contract import Number
 from hexsim.own.declaration import ModelTables, ParameterTable, StateTable
 from hexsim.own.elements import memory_states
-from hexsim.own.formulas import (
-    DEEPEST,
-    FUNCTIONS,
-    MOST_NODES,
-    TINY,
-    Expr,
-    expression,
-    names_of,
-    positive,
-    step,
-    tree_of,
-)
+from hexsim.own.formulas import BOUNDS, FUNCTIONS, TINY, Expr, expression, names_of, positive, step, tree_of
 
 CLOCK = ("time_s", "step_s")
 FIRST = ("first", "first_rate")
@@ -114,7 +103,7 @@ class Resolver:
         where = f"{self.where} {place}"
         tree = tree_of(text, where)
         self.nodes += sum(1 for _ in ast.walk(tree))
-        if depth > DEEPEST or self.nodes > MOST_NODES:
+        if depth > BOUNDS.deepest or self.nodes > BOUNDS.most_nodes:
             raise HexsimError(f"{where}: formulas that are too large together, or name each other in a circle")
         return expression(tree, {name: self.named(name, depth) for name in names_of(tree)}, where)
 

@@ -17,7 +17,7 @@ from hexsim.own.declaration import Declaration
 from hexsim.own.effects import Candidate, joined, offered
 from hexsim.own.folder import OwnFolder
 from hexsim.own.forms import Form, forms, memories, with_values
-from hexsim.own.formulas import LONGEST
+from hexsim.own.formulas import BOUNDS
 from hexsim.own.model import model_of
 from hexsim.own.problem import OwnProblem, problem_of
 from hexsim.own.run import simulated
@@ -207,12 +207,12 @@ def fixed(candidate: Candidate) -> Candidate:
 
 def fitting(own: Sequence[tuple[Form, Candidate]]) -> Iterator[list[tuple[Form, Candidate]]]:
     """Parts whose formulas together are no longer than a formula may be."""
-    part, room = [], LONGEST
+    part, room = [], BOUNDS.longest
     for form, one in own:
         length = sum(map(len, one.formulas.values())) + len(" + ")
         if part and length > room:
             yield part
-            part, room = [], LONGEST
+            part, room = [], BOUNDS.longest
         part, room = [*part, (form, one)], room - length
     if part:
         yield part

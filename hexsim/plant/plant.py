@@ -18,7 +18,7 @@ from hexsim.hydraulics.effects import Effect
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.resolve import add_effects, check_load, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.hydraulics.steps import LONGEST_S, StepRule, step_rule
+from hexsim.hydraulics.steps import STEP, StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U
 from hexsim.hydraulics.valve import delay_in_ticks
 from hexsim.plant import start, stepping
@@ -189,7 +189,11 @@ class Plant:
         start.hold_still(self, self.static_pressures())
         self.context.count[0], self.context.spool_volts[:], self.context.apart[:] = 0, 0.0, 0.0
         self.context.velocity_before[:] = 0.0
-        self.context.next_step[0], self.context.level[0], self.context.slow[:] = LONGEST_S, stepping.LEAST_LEVEL, 0.0
+        self.context.next_step[0], self.context.level[0], self.context.slow[:] = (
+            STEP.longest_s,
+            stepping.ERROR.least_level_m_s2,
+            0.0,
+        )
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.keep_rows()
         mujoco.mj_forward(self.model, data)

@@ -27,15 +27,7 @@ from numpy.typing import NDArray
 from hexsim.compiled import by_address, compiled
 from hexsim.hydraulics import leg, valve
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
-from hexsim.hydraulics.steps import (
-    LONGEST_S,
-    SHORTEST_S,
-    StepRule,
-    count_steps,
-    leg_steps,
-    near_standstill,
-    power_unit_steps,
-)
+from hexsim.hydraulics.steps import STEP, StepRule, count_steps, leg_steps, near_standstill, power_unit_steps
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, offset, pointer_to, supply_pressure, supply_state
 from hexsim.plant.newton_euler import What, native_platform
@@ -44,19 +36,31 @@ from hexsim.plant.structs import time_view, timestep_view
 from hexsim.smoothness.band import BANDWIDTH_Hz
 
 Array = NDArray[np.float64]
-RK4_STAGES = 4  # evaluations of a step
-KICK = (
-    2.0 * BANDWIDTH_Hz
-)  # [1/s] acceleration in that band after a jump of the velocity by 1 m/s: peak of the ideal low pass
-RING = 0.1  # of an error of a pressure: its estimate is of second order, RK4's error of a smooth ring a tenth of it and less
-TOLERANCE = (
-    2.0e-4  # of a step, relative to the peak of the acceleration in the band; what adds up: docs/results/step.md
-)
-LEVEL_S = 3.0  # in which that peak is forgotten: a motion is judged by its own peak, not by a crash before it
-LEAST_LEVEL = 0.01  # [m/s2] a fifth of what people feel: a machine at rest needs no short steps for its sensors' noise
-SAFE, LEAST_SHARE, LARGEST_SHARE = 0.9, 0.2, 2.0  # of the next step over the last one
-SAME_STEP = 1e-6  # of a step: as much longer than asked for it may be, so that rounding does not add one
-LONGER = 0.1  # of a step: so much longer it may be to fill the span, where SAFE has made it shorter
+
+
+class ErrorControl(NamedTuple):
+    """A step's error, and the next step's length by it."""
+
+    stages: int = 4  # evaluations of a step
+    # [1/s] acceleration in that band after a jump of the velocity by 1 m/s: peak of the ideal low pass
+    kick: float = 2.0 * BANDWIDTH_Hz
+    # of an error of a pressure: its estimate is of second order, RK4's error of a smooth ring a tenth of it and less
+    ring: float = 0.1
+    # of a step, relative to the peak of the acceleration in the band; what adds up: docs/results/step.md
+    tolerance: float = 2.0e-4
+    # in which that peak is forgotten: a motion is judged by its own peak, not by a crash before it
+    level_s: float = 3.0
+    # a fifth of what people feel: a machine at rest needs no short steps for its sensors' noise
+    least_level_m_s2: float = 0.01
+    safe: float = 0.9  # of the length by which the next step would just be exact enough
+    least_share: float = 0.2  # the next step's, at least, over the last one's
+    largest_share: float = 2.0  # at most
+    same_step: float = 1e-6  # of a step: as much longer than asked for it may be, so that rounding does not add one
+    longer: float = 0.1  # of a step: so much longer it may be to fill the span, where `safe` has made it shorter
+
+
+ERROR = ErrorControl()
+
 FROM_POSITION = int(mujoco.mjtStage.mjSTAGE_POS)  # what depends on positions alone is there
 
 
@@ -106,7 +110,7 @@ class StepContext(NamedTuple):
     time: Array  # (1,) view of the data's [s]
     next_step: Array  # (1,) the step that the last error allows [s]
     error: Array  # (1,) sum of the steps' errors [m/s2]
-    level: Array  # (1,) peak of the acceleration in the band so far, forgotten within LEVEL_S [m/s2]
+    level: Array  # (1,) peak of the acceleration in the band so far, forgotten within level_s [m/s2]
     slow: Array  # acceleration behind a low pass of the band (nv,) [m/s2]
     reach: Array  # what a unit of qacc is at the joints of the platform (nv,): 1, or a radius [m]; 0: not judged
     push: Array  # acceleration of the leg that a unit of a state in act makes (na,) [m/s2]
@@ -154,7 +158,9 @@ class Record(NamedTuple):
 def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> StepContext:
     """A plant's view for ticks of `tick_s` in `steps` time steps; 0: as the rule chooses."""
     model, data, rows, n = plant.model, plant.data, plant.rows, plant.n_legs
-    parts = 1 if steps or tick_s < 1.001 * LONGEST_S else 2 * math.ceil(tick_s / LONGEST_S / 2 - 1e-6)  # even: a middle
+    parts = (
+        1 if steps or tick_s < 1.001 * STEP.longest_s else 2 * math.ceil(tick_s / STEP.longest_s / 2 - 1e-6)
+    )  # even: a middle
     model.opt.timestep = plant.timestep or tick_s / parts
     delay, part_s = valve.delay_in_ticks(rows[:, P.VALVE_DELAY], tick_s)
     return StepContext(
@@ -175,16 +181,16 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         tick_s=tick_s,
         parts=parts,
         steps=np.array([steps]),
-        constant_s=plant.timestep or LONGEST_S,
+        constant_s=plant.timestep or STEP.longest_s,
         timestep=timestep_view(model),
         time=time_view(data),
-        next_step=np.full(1, LONGEST_S),
+        next_step=np.full(1, STEP.longest_s),
         error=np.zeros(1),
-        level=np.full(1, LEAST_LEVEL),
+        level=np.full(1, ERROR.least_level_m_s2),
         slow=np.zeros(model.nv),
         reach=plant.reach(),
         push=plant.push(),
-        tolerance=TOLERANCE,
+        tolerance=ERROR.tolerance,
         bends=tuple(np.zeros(k) for k in (model.nv, model.na, model.nv, model.na, 1)),
         begun=tuple(np.zeros(k) for k in (model.nq, model.nv, model.na, model.nv, model.na, 1)),
         count=np.zeros(1, np.int64),
@@ -311,7 +317,7 @@ def last_error(context, h):
         if context.push[i] > 0.0:
             context.bends[1][i] = now = bend(h, act_dot[i], context.act_dot[i], context.act[i] - act[i])
             pushed = max(pushed, context.push[i] * unforeseen(now, was_pushed[i], ratio))
-    return moved * KICK + pushed * RING
+    return moved * ERROR.kick + pushed * ERROR.ring
 
 
 @compiled
@@ -330,7 +336,7 @@ def note_level(context):
     for i in range(context.slow.shape[0]):
         context.slow[i] += share * (context.reach[i] * context.qacc[i] - context.slow[i])
         peak = max(peak, abs(context.slow[i]))
-    context.level[0] = max(context.level[0] * math.exp(-context.tick_s / LEVEL_S), peak, LEAST_LEVEL)
+    context.level[0] = max(context.level[0] * math.exp(-context.tick_s / ERROR.level_s), peak, ERROR.least_level_m_s2)
 
 
 @compiled
@@ -389,7 +395,7 @@ def _evaluate(context, is_located):
 def march(context, record, row, span, middle):
     """The steps of `span`, from an evaluated state on; their number. middle [s]: from here to the tick's middle."""
     rule = context.steps[0] * context.refined
-    steps = max(rule, math.ceil(span / context.next_step[0] - LONGER)) if context.is_chosen else rule
+    steps = max(rule, math.ceil(span / context.next_step[0] - ERROR.longer)) if context.is_chosen else rule
     longest, h, left, done, is_evaluated = span / rule, span / steps, span, 0, True
     tolerance = context.tolerance / context.refined**3 * context.level[0]
     while steps > 0:
@@ -400,15 +406,15 @@ def march(context, record, row, span, middle):
         if context.platform:
             call_native(context.platform, context.model, context.data, (What.RUNGE_KUTTA,))
         else:
-            call_native(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
+            call_native(context.runge_kutta, context.model, context.data, (ERROR.stages,))
         error = last_error(context, h)
         if context.is_chosen:
-            share = SAFE * (tolerance / (error + 1e-300)) ** (1.0 / 3.0)
-            is_evaluated = error > tolerance and h > SHORTEST_S * (1.0 + 2.0 * SAME_STEP)
-            context.next_step[0] = max(h * min(max(share, LEAST_SHARE), LARGEST_SHARE), SHORTEST_S)
+            share = ERROR.safe * (tolerance / (error + 1e-300)) ** (1.0 / 3.0)
+            is_evaluated = error > tolerance and h > STEP.shortest_s * (1.0 + 2.0 * ERROR.same_step)
+            context.next_step[0] = max(h * min(max(share, ERROR.least_share), ERROR.largest_share), STEP.shortest_s)
             if is_evaluated:
                 take_back(context)
-                steps = max(math.ceil(left / context.next_step[0] - SAME_STEP), 1)
+                steps = max(math.ceil(left / context.next_step[0] - ERROR.same_step), 1)
                 h = left / steps
                 continue
         else:
@@ -420,7 +426,8 @@ def march(context, record, row, span, middle):
         done, steps, left, middle = done + 1, steps - 1, left - h, middle - h
         if context.is_chosen and steps > 0:
             planned = max(
-                max(math.ceil(left / context.next_step[0] - LONGER), math.ceil(left / longest - SAME_STEP)), 1
+                max(math.ceil(left / context.next_step[0] - ERROR.longer), math.ceil(left / longest - ERROR.same_step)),
+                1,
             )
             if planned != steps:
                 steps, h = planned, left / planned

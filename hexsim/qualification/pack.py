@@ -97,7 +97,7 @@ def write_pack(
     compensator: str | Compensator = "none",
     flight: Washout | None = None,
     ground: Washout | None = None,
-    pilot_m: tuple[float, float, float] = part60.PILOT_m,
+    pilot_m: tuple[float, float, float] = part60.TRIAL.pilot_m,
     progress: Progress = lambda fraction: None,
 ) -> dict[str, Any]:
     """Run the tests beyond the battery's and write the pack into the folder `out`; returns what pack.json holds.

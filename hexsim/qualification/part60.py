@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,10 +48,22 @@ ONSET_SHORT = (
 )
 NO_NUMBER = "no published number"
 NOISE = "no published number; [K] commonly beside 1e-6 g²/Hz"
-FREQUENCY_Hz, LENGTH_S, FADE_S = 1.0, 8.0, 2.0  # of the repeatability's sines
-TAIL_S = 0.5  # they go on behind what is judged: who looks ahead must not see the end of the record as a stop
-PILOT_m = (1.5, 0.5, 1.0)  # from the vehicle's centre of gravity: forward, left, up; the applicant's, here an example
-ONSET_SHARE = 0.1  # of the sine that sets in; an onset is this share of its asked peak
+
+
+class Trials(NamedTuple):
+    """The motions that are ridden."""
+
+    frequency_Hz: float = 1.0  # of the repeatability's sines
+    length_s: float = 8.0  # likewise
+    fade_s: float = 2.0  # likewise
+    # they go on behind what is judged: who looks ahead must not see the end of the record as a stop
+    tail_s: float = 0.5
+    # from the vehicle's centre of gravity: forward, left, up; the applicant's, here an example
+    pilot_m: tuple[float, float, float] = (1.5, 0.5, 1.0)
+    onset_share: float = 0.1  # of the sine that sets in; an onset is this share of its asked peak
+
+
+TRIAL = Trials()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,14 +109,14 @@ def signal_of(
     least_turn_rad_s2: float = math.radians(5.0),  # 3.d: 5 deg/s2
 ) -> tuple[Array, Array, Array, Array]:
     """Time (n,), acceleration (n, 3) at the pilot's place, rates (n, 3), and angular acceleration: a sine of `axis` at the
-    vehicle's centre of gravity, faded in, with the rule's smallest amplitudes or a little more; TAIL_S longer than LENGTH_S.
+    vehicle's centre of gravity, faded in, with the rule's smallest amplitudes or a little more; tail_s longer than length_s.
 
     At the pilot: a + dw/dt x r + w x (w x r).
     """
-    time = np.arange(round((LENGTH_S + TAIL_S) * rate_Hz)) / rate_Hz
-    r = np.clip(time / FADE_S, 0.0, 1.0)
-    fade, slope = r**3 * (10 - 15 * r + 6 * r**2), 30 * r**2 * (1 - r) ** 2 / FADE_S
-    w = 2.0 * math.pi * FREQUENCY_Hz
+    time = np.arange(round((TRIAL.length_s + TRIAL.tail_s) * rate_Hz)) / rate_Hz
+    r = np.clip(time / TRIAL.fade_s, 0.0, 1.0)
+    fade, slope = r**3 * (10 - 15 * r + 6 * r**2), 30 * r**2 * (1 - r) ** 2 / TRIAL.fade_s
+    w = 2.0 * math.pi * TRIAL.frequency_Hz
     force, turn, change = np.zeros((len(time), 3)), np.zeros((len(time), 3)), np.zeros((len(time), 3))
     k = AXES.index(axis)
     if k < 3:
@@ -132,7 +144,7 @@ def washed_out(washout: Washout, axis: str, machine: Machine, pilot_m: tuple[flo
         name=f"repeatability {axis}",
         mode="dof",
         signals=signals,
-        duration_s=LENGTH_S + TAIL_S,
+        duration_s=TRIAL.length_s + TRIAL.tail_s,
         fade_s=0.5,
         fade="smooth",
     )
@@ -143,17 +155,17 @@ def repeatability(
     washout: Washout,
     mode: str,
     axes: tuple[str, ...] = AXES,
-    pilot_m: tuple[float, float, float] = PILOT_m,
+    pilot_m: tuple[float, float, float] = TRIAL.pilot_m,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[list[Row], list[Trace]]:
     """Two runs of the same signal, other sensor noise: the largest difference of the platform's linear acceleration in any
-    axis, from the fade's end on until LENGTH_S."""
+    axis, from the fade's end on until length_s."""
     rows, traces = [], []
     for n, axis in enumerate(axes):
         progress(n / len(axes))
         scenario = washed_out(washout, axis, rig.machine, pilot_m)
         first, second = (rig.play(scenario, seed) for seed in (0, 1))
-        late = (first.time_s >= FADE_S) & (first.time_s < LENGTH_S)
+        late = (first.time_s >= TRIAL.fade_s) & (first.time_s < TRIAL.length_s)
         differences = {
             name: band_limit(first.time_s, first.acceleration[name] - second.acceleration[name], BANDWIDTH_Hz)[late]
             for name in AXES[:3]
@@ -209,8 +221,8 @@ def onset(
             k = AXES.index(axis)
             size = onset_rad_s2 if axis in ROTATIONS else onset_m_s2
             time, asked, felt = host.pulse(k, size, place + k)
-            found = _first(time, felt, ONSET_SHARE * size)
-            figure = f"platform at {ONSET_SHARE:g} of the asked peak, after the packet"
+            found = _first(time, felt, TRIAL.onset_share * size)
+            figure = f"platform at {TRIAL.onset_share:g} of the asked peak, after the packet"
             if found is None:  # later than all limits, so outside
                 found, figure = len(time) * server.tick_s, f"{figure}: not within this time"
             rows += [

@@ -12,6 +12,8 @@ Without evidence that stamps are wrong they are kept.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy
 
@@ -20,12 +22,21 @@ from hexsim.readers.clock_group import ClockGroup, is_held, runs
 from hexsim.signals.weak_form import Window
 
 Array = np.ndarray
-LEAST = 10  # samples of a clock
-LARGEST = 1e30  # in any SI unit: beyond it a number is damage
-FAR = 20  # periods: a stamp that is alone so far off is wild; a log that falls back by more begins anew
-EVEN = 1e-3  # of a period: stamps as near as this to an even grid are on it
-NEAR = 24  # rows on either side, at least, that tell how many are missing between them
-LONG = 100  # rows over which wander and jitter are told apart
+
+
+class Stamps(NamedTuple):
+    """Limits of time stamps."""
+
+    least: int = 10  # samples of a clock
+    largest: float = 1e30  # in any SI unit: beyond it a number is damage
+    far: int = 20  # periods: a stamp that is alone so far off is wild; a log that falls back by more begins anew
+    even: float = 1e-3  # of a period: stamps as near as this to an even grid are on it
+    near: int = 24  # rows on either side, at least, that tell how many are missing between them
+    long: int = 100  # rows over which wander and jitter are told apart
+
+
+STAMPS = Stamps()
+
 COUNTS = tuple(2.0**bits for bits in (15, 16, 24, 31, 32))  # values at which counters wrap
 
 
@@ -33,8 +44,8 @@ def settle(group: ClockGroup) -> None:
     """Settle when the samples of a group were taken, with a note of all that was changed. HexsimError where the stamps
     are no time base."""
     start_at_the_clock(group)
-    drop(group, np.abs(group.time) < LARGEST, "without a time stamp")  # False for NaN
-    if len(group.time) < LEAST:
+    drop(group, np.abs(group.time) < STAMPS.largest, "without a time stamp")  # False for NaN
+    if len(group.time) < STAMPS.least:
         raise HexsimError(
             f"{group.path} has {len(group.time)} usable rows of {group.clock}: give at least 0.5 s of data"
         )
@@ -43,10 +54,10 @@ def settle(group: ClockGroup) -> None:
         group.keep(np.arange(len(group.time))[::-1])
         group.note("the newest row stood first: turned round")
     unwrap(group, typical)
-    wild = np.abs(group.time - scipy.ndimage.median_filter(group.time, 5, mode="nearest")) > FAR * typical
+    wild = np.abs(group.time - scipy.ndimage.median_filter(group.time, 5, mode="nearest")) > STAMPS.far * typical
     wild[[0, 1, -2, -1]] = False
     drop(group, ~wild, "with time stamps that fit neither neighbour")
-    back = np.flatnonzero(np.diff(group.time) < -FAR * typical)
+    back = np.flatnonzero(np.diff(group.time) < -STAMPS.far * typical)
     if len(back):
         i = int(back[0])
         raise HexsimError(
@@ -84,10 +95,10 @@ def start_at_the_clock(group: ClockGroup) -> None:
     """Stamps of zero before the first other one were written before the clock was set."""
     t = group.time
     other = np.flatnonzero(t != 0)
-    if len(other) and other[0] > 1 and len(other) > LEAST:
+    if len(other) and other[0] > 1 and len(other) > STAMPS.least:
         steps = np.abs(np.diff(t[other]))
         usual = max(float(np.median(steps)), float(np.median(steps[steps > 0])) if steps.any() else 0.0)
-        if usual > 0 and abs(t[other[0]]) > FAR * usual:
+        if usual > 0 and abs(t[other[0]]) > STAMPS.far * usual:
             drop(group, np.arange(len(t)) >= other[0], "before the clock was set (stamp 0)")
 
 
@@ -99,7 +110,7 @@ def unwrap(
     day_s: float = 86_400.0,  # at which a time of day does
 ) -> None:
     """Go on where a counter begins anew: it falls by all of its counts but for the time that has passed."""
-    falls = np.flatnonzero(np.diff(group.time) < -FAR * typical)
+    falls = np.flatnonzero(np.diff(group.time) < -STAMPS.far * typical)
     scales = (group.tick_s,) if group.tick_s != 1.0 else (1.0, 1e-3, 1e-6, 1e-9)
     ends = sorted({count * scale for count in COUNTS for scale in scales} | {day_s})
     for end in ends if len(falls) else ():
@@ -127,10 +138,10 @@ def snap(group: ClockGroup) -> None:
     t = group.time
     period = long_period(t)
     place = np.append(0.0, np.cumsum(np.round(np.diff(t) / period)))
-    if len(t) < LEAST or np.any(np.diff(place) < 1):
+    if len(t) < STAMPS.least or np.any(np.diff(place) < 1):
         return
     slope, start = np.polyfit(place, t - t[0], 1)
-    if np.max(np.abs(t - t[0] - start - slope * place)) < EVEN * period:
+    if np.max(np.abs(t - t[0] - start - slope * place)) < STAMPS.even * period:
         group.place = place
 
 
@@ -146,7 +157,7 @@ def judge(
     t, n = group.time, len(group.time)
     period = long_period(t)
     steps = np.diff(t) / max(period, 1e-300)
-    off = np.abs(steps - np.maximum(np.round(steps), 1.0)) > EVEN
+    off = np.abs(steps - np.maximum(np.round(steps), 1.0)) > STAMPS.even
     if not period > 0 or np.mean(off) < widespread:
         return False
     place = np.arange(n) + lost_rows(t, period)
@@ -160,7 +171,7 @@ def judge(
     shared = np.mean(np.diff(t) == 0) > widespread / 4  # no two samples are taken at once
     width = widest_rows if wander == 0 else int(np.sqrt(48.0) * jitter / wander)  # where both errors are equal
     width = min(width, widest_rows, n // 2) // 2 * 2 + 1
-    if not (rounded or shared) and (jitter < EVEN * period or width < 2 * NEAR // 3):
+    if not (rounded or shared) and (jitter < STAMPS.even * period or width < 2 * STAMPS.near // 3):
         return False
     local: Array = np.asarray(scipy.signal.savgol_filter(rest - drift, width, 1)) if width > 2 else rest - drift
     slow = drift + local
@@ -182,7 +193,7 @@ def judge(
     drifts = float(np.std(slow)) > 3.0 * chance and not rounded
     group.time = line + (slow if drifts else 0.0)
     group.off_s = float(np.std(rest - slow if drifts else rest))
-    group.place = None if drifts and float(np.ptp(slow)) > 2 * EVEN * period else place
+    group.place = None if drifts and float(np.ptp(slow)) > 2 * STAMPS.even * period else place
     group.note(
         f"time stamps are off by {group.off_s * 1e3:.3g} ms (one standard deviation) where the "
         f"samples are even ({evidence}): rows counted instead, {1 / slope:.6g} Hz"
@@ -194,9 +205,9 @@ def judge(
 def wander_and_jitter(rest: Array, place: Array) -> tuple[float, float]:
     """(wander of a step, jitter of a stamp), standard deviations, from stamps (n,) less a smooth curve; over no
     lost rows. 0 where unseen."""
-    lag = max(min(LONG, len(rest) // 10), 2)
+    lag = max(min(STAMPS.long, len(rest) // 10), 2)
     whole = {k: place[k:] - place[:-k] == k for k in (1, lag)}
-    if min(map(np.sum, whole.values())) < LEAST:
+    if min(map(np.sum, whole.values())) < STAMPS.least:
         return 0.0, 0.0
     one, many = (float(np.var((rest[k:] - rest[:-k])[there])) for k, there in whole.items())
     square = (many - one) / (lag - 1)
@@ -214,12 +225,14 @@ def resolution_of(t: Array) -> float:
         return 0.0
     size = float(np.mean(steps[steps < 1.5 * least]))
     multiples = steps / size
-    return size if np.mean(np.abs(multiples - np.round(multiples)) < 0.1 * EVEN + 1e-6 * multiples) > 0.99 else 0.0
+    return (
+        size if np.mean(np.abs(multiples - np.round(multiples)) < 0.1 * STAMPS.even + 1e-6 * multiples) > 0.99 else 0.0
+    )
 
 
 def long_period(t: Array) -> float:
     """Time between two rows by rows a hundred apart: neither jitter nor a hole moves it."""
-    lag = max(min(LONG, len(t) // 4), 1)
+    lag = max(min(STAMPS.long, len(t) // 4), 1)
     return float(np.median(t[lag:] - t[:-lag])) / lag
 
 
@@ -230,7 +243,7 @@ def lost_rows(t: Array, period: float) -> Array:
     """
     error = t - period * np.arange(len(t))
     wander = 1.4826 * float(np.median(np.abs(np.diff(t) - period))) / np.sqrt(2.0)
-    near = 2 * round(np.clip((10.0 * wander / period) ** 2, NEAR // 2, 8 * NEAR))
+    near = 2 * round(np.clip((10.0 * wander / period) ** 2, STAMPS.near // 2, 8 * STAMPS.near))
     lost, sums = np.zeros(len(t)), np.append(0.0, np.cumsum(error))
     if len(t) < 3 * near:
         return lost
@@ -239,9 +252,9 @@ def lost_rows(t: Array, period: float) -> Array:
     step[near : len(t) - near + 1] = means[near:] - means[:-near]
     for start, stop in zip(*runs(step > 0.6 * period), strict=True):
         k = start + int(np.argmax(step[start:stop]))
-        before, after, beside = means[k - near], means[k], error[k - NEAR // 2 : k + NEAR // 2]
+        before, after, beside = means[k - near], means[k], error[k - STAMPS.near // 2 : k + STAMPS.near // 2]
         misfit = np.append(0.0, np.cumsum(np.abs(beside - before) - np.abs(beside - after)))
-        lost[k - NEAR // 2 + int(np.argmin(misfit))] += np.round(step[k] / period)
+        lost[k - STAMPS.near // 2 + int(np.argmin(misfit))] += np.round(step[k] / period)
     return np.cumsum(lost)
 
 

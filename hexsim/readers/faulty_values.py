@@ -6,7 +6,7 @@ import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import HOLE, ClockGroup, is_held, periods, runs
-from hexsim.readers.clocks import LARGEST, LEAST
+from hexsim.readers.clocks import STAMPS
 from hexsim.readers.possible import Limits, impossible, marker
 from hexsim.signals.table import places
 
@@ -19,11 +19,11 @@ def blank_bad_values(group: ClockGroup, possible: dict[str, Limits], markers: di
     """
     for name in list(group.signals):
         x = group.signals[name]
-        blank(group, name, np.abs(x) > LARGEST, "values beyond any measure")
+        blank(group, name, np.abs(x) > STAMPS.largest, "values beyond any measure")
         blank(group, name, np.isin(x, markers.get(name, [])), "markers of the mapping")
         say_missing(group, name)
         own = group.own_samples(name)
-        if not group.foreign and not is_held(name) and len(own) > LEAST:
+        if not group.foreign and not is_held(name) and len(own) > STAMPS.least:
             blank(group, name, marks(x, own, marker(x[own])), "markers far from all other values")
             own = group.own_samples(name)
         limits = possible.get(places()[name][0].stem) if name in places() else None
@@ -62,7 +62,7 @@ def say_missing(group: ClockGroup, name: str) -> None:
 def why_dead(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | None) -> str | None:
     """Why a whole channel cannot be used: missing, cut off, or standing still; None when it can."""
     x, time = group.signals[name][own], group.time[own]
-    if len(own) < LEAST:
+    if len(own) < STAMPS.least:
         return f"{len(group.time) - len(own)} of {len(group.time)} values are missing"
     steps = np.diff(time)
     there = float(np.sum(steps[steps <= HOLE * periods(time)]))

@@ -20,7 +20,7 @@ from hexsim.readers.clocks import settle
 from hexsim.readers.faulty_values import blank_bad_values
 from hexsim.readers.files import log_name, raw_log
 from hexsim.readers.mapping import Mapping, load_mapping
-from hexsim.readers.one_grid import Grid, RATES_Hz, SLOWEST_OWN_Hz, fill, on_one_grid, stretches
+from hexsim.readers.one_grid import GRID, Grid, fill, on_one_grid, stretches
 from hexsim.readers.possible import possible_values
 from hexsim.readers.reader import RawLog
 from hexsim.signals.log import Log
@@ -52,7 +52,7 @@ def read_stretches(
     if not groups:
         lost = [loss for loss in raw.losses if loss.endswith("left out")]
         raise HexsimError(f"{path} has no signal that is as long as its time: {'; '.join(lost[:3]) or 'it is damaged'}")
-    slowest_Hz = SLOWEST_OWN_Hz if kind == "own" else RATES_Hz[0]
+    slowest_Hz = GRID.slowest_own_Hz if kind == "own" else GRID.rates_Hz[0]
     grid = on_one_grid(groups, {name: channel.delay_s for name, channel in mapping.columns.items()}, slowest_Hz)
     fill(grid, {name for group in groups for name in group.held})
     losses = sentences(raw, groups, grid)

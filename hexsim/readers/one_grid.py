@@ -5,21 +5,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import HOLE, ClockGroup, periods, runs
-from hexsim.readers.clocks import EVEN, long_period
+from hexsim.readers.clocks import STAMPS, long_period
 from hexsim.signals.log import hold_of
 
 Array = np.ndarray
-SLOWEST_OWN_Hz = 1e-4  # a machine of one's own may be a tank that fills for hours
-RATES_Hz = (5.0, 20_000.0)  # of a log: below it shows no valve, above it its time is in another unit
-FILL = 10  # samples: shorter gaps are filled, longer ones end a stretch
-AT_END = 0.1  # steps of the grid by which a signal goes on at its ends: a grid begins beside samples that wander
-FLAG = (16, 0.9)  # values at most, share of steps that are none: a switch or a mode, which holds between samples
+
+
+class Grids(NamedTuple):
+    """The grid that all signals of a log are put on."""
+
+    slowest_own_Hz: float = 1e-4  # a machine of one's own may be a tank that fills for hours
+    # of a log: below it shows no valve, above it its time is in another unit
+    rates_Hz: tuple[float, ...] = (5.0, 20_000.0)
+    fill: int = 10  # samples: shorter gaps are filled, longer ones end a stretch
+    # steps of the grid by which a signal goes on at its ends: a grid begins beside samples that wander
+    at_end: float = 0.1
+    # values at most, share of steps that are none: a switch or a mode, which holds between samples
+    flag: tuple[int, float] = (16, 0.9)
+
+
+GRID = Grids()
 
 
 @dataclass(kw_only=True, eq=False)
@@ -42,7 +54,7 @@ class Grid:
         return self.start + np.arange(self.n) / self.rate
 
 
-def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float], slowest_Hz: float = RATES_Hz[0]) -> Grid:
+def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float], slowest_Hz: float = GRID.rates_Hz[0]) -> Grid:
     """All signals on the grid of the fastest clock. delays: signal -> [s] by which it is late."""
     base = min(groups, key=lambda group: long_period(group.time))
     grid = grid_of(base, slowest_Hz)
@@ -68,7 +80,7 @@ def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float], slowest_
 
 def grid_of(
     base: ClockGroup,
-    slowest_Hz: float = RATES_Hz[0],
+    slowest_Hz: float = GRID.rates_Hz[0],
     *,
     most_samples: int = 50,  # samples of the grid a sample of the file
 ) -> Grid:
@@ -85,17 +97,17 @@ def grid_of(
     whole = float(round(rate))
     if abs(rate - whole) < 1e-4 * rate and abs(rate - whole) / rate * np.ptp(t) * rate < doubt:
         rate = whole
-    if not slowest_Hz <= rate <= RATES_Hz[1]:
+    if not slowest_Hz <= rate <= GRID.rates_Hz[1]:
         raise HexsimError(
             f"{base.path}: {base.clock} steps by {1 / rate:.4g}, that is {rate:.4g} Hz; allowed are {slowest_Hz:g} to "
-            f"{RATES_Hz[1]:g} Hz: is the column in seconds? name its unit in a mapping file"
+            f"{GRID.rates_Hz[1]:g} Hz: is the column in seconds? name its unit in a mapping file"
         )
     place = (t - t[0]) * rate - (0.0 if base.place is None else base.place)
     phase = float(np.angle(np.mean(np.exp(2j * np.pi * place)))) / (2 * np.pi)
-    phase = phase if abs(phase) > EVEN else 0.0
-    phase += float(phase < -AT_END and base.place is None)
+    phase = phase if abs(phase) > STAMPS.even else 0.0
+    phase += float(phase < -GRID.at_end and base.place is None)
     start = float(t[0]) + phase / rate
-    last = int((t[-1] - start) * rate + AT_END) if base.place is None else int(base.place[-1])
+    last = int((t[-1] - start) * rate + GRID.at_end) if base.place is None else int(base.place[-1])
     long = np.flatnonzero(np.diff(t) > HOLE * usual)
     if last + 1 > most_samples * len(t):
         raise HexsimError(
@@ -111,7 +123,7 @@ def place_on(grid: Grid, group: ClockGroup, base: ClockGroup) -> Array:
     if group is base and group.place is not None:
         place = group.place + float(np.mean(place - group.place))
     near = np.round(place)
-    place = np.where(np.abs(place - near) < 2 * EVEN, near, place)
+    place = np.where(np.abs(place - near) < 2 * STAMPS.even, near, place)
     steps = np.diff(place)
     long = np.flatnonzero(steps > HOLE * periods(place))
     if len(long):
@@ -124,7 +136,7 @@ def place_on(grid: Grid, group: ClockGroup, base: ClockGroup) -> Array:
 
 def put(grid: Grid, group: ClockGroup, name: str, place: Array, x: Array) -> None:
     """A signal at places (m,) on the grid: held, or between its samples, missing in its holes."""
-    apart = np.append(True, np.diff(place) > 2 * EVEN)  # stamps that fall together are one
+    apart = np.append(True, np.diff(place) > 2 * STAMPS.even)  # stamps that fall together are one
     place, x = place[apart], x[apart]
     points = np.arange(grid.n, dtype=float)
     if len(place) < 2:
@@ -141,16 +153,18 @@ def put(grid: Grid, group: ClockGroup, name: str, place: Array, x: Array) -> Non
         inside, hold = points >= place[0] - 1e-9, True
     else:
         hole = steps > HOLE * usual
-        reach = np.where(steps > FILL * usual, AT_END * np.minimum(usual, 1.0), 0.5 * usual)  # of a sample into a hole
+        reach = np.where(
+            steps > GRID.fill * usual, GRID.at_end * np.minimum(usual, 1.0), 0.5 * usual
+        )  # of a sample into a hole
         inside &= ~hole[before] | (near < reach[before])
-        inside |= near < AT_END * np.minimum(usual[before], 1.0)
+        inside |= near < GRID.at_end * np.minimum(usual[before], 1.0)
     on = np.where(np.abs(points - place[before]) < np.abs(place[after] - points), before, after)
-    exact = np.abs(place[on] - points) < 2 * EVEN
+    exact = np.abs(place[on] - points) < 2 * STAMPS.even
     ticks = held_between_ticks(place, x, points) if hold and group.place is None and name not in group.steady else None
     if ticks is not None:
         new = ticks
     elif hold:
-        new = x[np.clip(np.searchsorted(place, points + 2 * EVEN, side="right") - 1, 0, len(place) - 1)]
+        new = x[np.clip(np.searchsorted(place, points + 2 * STAMPS.even, side="right") - 1, 0, len(place) - 1)]
     else:
         new = np.where(exact, x[on], between(points, place, x))
     grid.columns[name] = np.where(inside, new, np.nan)
@@ -172,7 +186,7 @@ def put(grid: Grid, group: ClockGroup, name: str, place: Array, x: Array) -> Non
 
 def is_flag(x: Array) -> bool:
     """A switch or a mode: few values that seldom change."""
-    return len(x) > 1 and float(np.mean(np.diff(x) == 0)) > FLAG[1] and len(np.unique(x)) <= FLAG[0]
+    return len(x) > 1 and float(np.mean(np.diff(x) == 0)) > GRID.flag[1] and len(np.unique(x)) <= GRID.flag[0]
 
 
 def between(
@@ -187,10 +201,10 @@ def between(
     new = np.interp(points, place, x)
     if np.mean(np.diff(x) == 0) > stands_share or (np.all(place == np.round(place)) and np.max(np.diff(place)) < HOLE):
         return new
-    ends = np.flatnonzero(np.diff(place) > FILL * periods(place)) + 1
+    ends = np.flatnonzero(np.diff(place) > GRID.fill * periods(place)) + 1
     for start, stop in zip(np.append(0, ends), np.append(ends, len(place)), strict=True):
         if stop - start >= 8:
-            own = (points >= place[start] - AT_END) & (points <= place[stop - 1] + AT_END)
+            own = (points >= place[start] - GRID.at_end) & (points <= place[stop - 1] + GRID.at_end)
             new[own] = scipy.interpolate.make_interp_spline(place[start:stop], x[start:stop], k=3)(points[own])
     return new
 
@@ -223,15 +237,15 @@ def fill(grid: Grid, held: set[str]) -> None:
             grid.columns[name], how = filled(values, short, name in held)
             grid.repaired[name] = short
             grid.notes.setdefault(name, []).append(
-                f"{short.sum()} samples filled by {how} (gaps of at most {FILL} samples)"
+                f"{short.sum()} samples filled by {how} (gaps of at most {GRID.fill} samples)"
             )
 
 
 def short_gaps(values: Array) -> Array:
-    """Samples (n,) bool of missing runs of at most FILL samples between samples that are there."""
+    """Samples (n,) bool of missing runs of at most fill samples between samples that are there."""
     short = np.zeros(len(values), dtype=bool)
     for start, stop in zip(*runs(np.isnan(values)), strict=True):
-        if stop - start <= FILL and start > 0 and stop < len(values):
+        if stop - start <= GRID.fill and start > 0 and stop < len(values):
             short[start:stop] = True
     return short
 

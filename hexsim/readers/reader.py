@@ -10,15 +10,32 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from hexsim.errors import HexsimError, shortened
 from hexsim.readers.mapping import FileLayout
 
-MAX_ROWS = 2_000_000  # samples of a signal that are used: half an hour at 1 kHz
-MAX_CELLS = 32_000_000  # numbers of a file that are kept in memory: a quarter of a gigabyte
+
+class Largest(NamedTuple):
+    """Largest sizes of a log: a file of a few bytes can ask for all memory."""
+
+    rows: int = 2_000_000  # samples of a signal that are used: half an hour at 1 kHz
+    cells: int = 32_000_000  # numbers of a file that are kept in memory: a quarter of a gigabyte
+    piece: int = 1 << 20  # bytes that are inflated at once
+    part: int = 1 << 26  # bytes of a chunk or a message, unpacked: rosbag writes chunks of 0.75 MB, MCAP of 1 to 16 MB
+    log: int = 1 << 30  # bytes of a whole log, unpacked
+    columns: int = 200  # of a matrix
+    unpacked: int = 8 * cells  # bytes
+    elements: int = 200_000  # arrays of a MAT-file, those in structs and cells too
+    listed_cells: int = cells // 4  # numbers that are collected one by one: a Python number takes four times its place
+    items: int = 100_000  # of an array in a message, arrays in it multiplied
+    text_columns: int = 20_000  # of a text table
+
+
+LARGEST = Largest()
+
 Array = np.ndarray
 
 
@@ -126,7 +143,7 @@ def listed(
 
 def max_rows(n_columns: int) -> int:
     """Rows of a file with so many columns that are used."""
-    return min(MAX_ROWS, MAX_CELLS // max(n_columns, 1))
+    return min(LARGEST.rows, LARGEST.cells // max(n_columns, 1))
 
 
 class Reader(ABC):
@@ -143,7 +160,7 @@ class Reader(ABC):
     @abstractmethod
     def read(self, path: Path, layout: FileLayout) -> RawLog:
         """Signals of the file. HexsimError where a sentence is known; whatever else a library raises becomes one sentence
-        in `files.raw_log`. Asks for sizes before it allocates: at most MAX_CELLS numbers, 1 GB of memory in all."""
+        in `files.raw_log`. Asks for sizes before it allocates: at most cells numbers, 1 GB of memory in all."""
 
     def holds_log(self, path: Path, layout: FileLayout) -> bool:
         """May this file of such a suffix be a log, at a first look? Notes that lie beside logs are none."""

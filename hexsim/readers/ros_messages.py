@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from hexsim.readers.reader import LARGEST
+
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/msg)?/[A-Za-z][A-Za-z0-9_]*")  # of a type
 FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-MOST_ITEMS = 100_000  # of an array in a message, arrays in it multiplied
 
 
 class BadDefinition(ValueError):
@@ -23,7 +24,7 @@ class Messages:
 
         self.ros1 = ros1
         self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-        self.store.max_sequence_length = MOST_ITEMS
+        self.store.max_sequence_length = LARGEST.items
 
     def define(
         self,
@@ -80,6 +81,6 @@ def sizes(name: str, known: dict[str, Any], depth: int) -> tuple[int, int]:
             else:
                 inner = 4
         least, items = least + inner, items + count
-        if items > MOST_ITEMS:
-            raise BadDefinition(f"{name} has arrays of more than {MOST_ITEMS:,} items")
+        if items > LARGEST.items:
+            raise BadDefinition(f"{name} has arrays of more than {LARGEST.items:,} items")
     return least, items

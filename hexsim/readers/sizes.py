@@ -10,14 +10,8 @@ from enum import IntEnum
 from pathlib import Path
 
 from hexsim.errors import HexsimError
-from hexsim.readers.reader import MAX_CELLS
+from hexsim.readers.reader import LARGEST
 
-PIECE = 1 << 20  # bytes that are inflated at once
-LARGEST_PART = 1 << 26  # bytes of a chunk or a message, unpacked: rosbag writes chunks of 0.75 MB, MCAP of 1 to 16 MB
-LARGEST_LOG = 1 << 30  # bytes of a whole log, unpacked
-MOST_COLUMNS = 200  # of a matrix
-UNPACKED = 8 * MAX_CELLS  # bytes
-ELEMENTS = 200_000  # arrays of a MAT-file, those in structs and cells too
 KINDS = {
     *range(1, 8),
     9,
@@ -77,16 +71,16 @@ def check_mat(
                 # scipy looks a kind up beyond the end of its table, and reads on behind an array that lacks a part
                 raise HexsimError(f"cannot read {path} as MAT-file: it is damaged")
             if kind == Element.COMPRESSED:
-                whole = inflated(inside[at : at + length], UNPACKED - size)
+                whole = inflated(inside[at : at + length], LARGEST.unpacked - size)
                 size += len(whole)
-                if size > UNPACKED:
-                    raise too_large(path, f"{UNPACKED >> 20} MB")
+                if size > LARGEST.unpacked:
+                    raise too_large(path, f"{LARGEST.unpacked >> 20} MB")
                 waiting.append((whole, 0, len(whole), depth))
             elif kind == Element.MATRIX and length:
                 cells += math.prod(dimensions(inside, at, at + length, order))
                 waiting.append((inside, at, at + length, depth + 1))
-            if cells > MAX_CELLS or elements > ELEMENTS or depth > most_levels:
-                raise too_large(path, f"{MAX_CELLS:,} numbers or {ELEMENTS:,} arrays")
+            if cells > LARGEST.cells or elements > LARGEST.elements or depth > most_levels:
+                raise too_large(path, f"{LARGEST.cells:,} numbers or {LARGEST.elements:,} arrays")
 
 
 def tags(data: bytes, start: int, end: int, order: str) -> Iterator[tuple[int, int, int]]:
@@ -148,12 +142,12 @@ def check_mat_of_hdf5(path: Path) -> None:
 
     def add(_: str, one: object) -> bool | None:
         sizes.append(int(one.size or 0) if isinstance(one, h5py.Dataset) else 0)
-        return True if len(sizes) > ELEMENTS or sum(sizes[-1:]) > MAX_CELLS else None
+        return True if len(sizes) > LARGEST.elements or sum(sizes[-1:]) > LARGEST.cells else None
 
     with h5py.File(path, "r") as file:
         file.visititems(add)
-    if sum(sizes) > MAX_CELLS or len(sizes) > ELEMENTS:
-        raise too_large(path, f"{MAX_CELLS:,} numbers or {ELEMENTS:,} arrays")
+    if sum(sizes) > LARGEST.cells or len(sizes) > LARGEST.elements:
+        raise too_large(path, f"{LARGEST.cells:,} numbers or {LARGEST.elements:,} arrays")
 
 
 def check_mdf(path: Path, data: bytes) -> None:
@@ -163,8 +157,10 @@ def check_mdf(path: Path, data: bytes) -> None:
         if at + 48 <= len(data):
             kind, original, packed = struct.unpack_from("<2xB5xQQ", data, at + 24)
             size += original
-            if size <= UNPACKED and kind in (0, 1):
-                size += max(len(inflated(data[at + 48 : at + 48 + packed], original + 1)) - original, 0) * UNPACKED
-            if size > UNPACKED:
-                raise too_large(path, f"{UNPACKED >> 20} MB")
+            if size <= LARGEST.unpacked and kind in (0, 1):
+                size += (
+                    max(len(inflated(data[at + 48 : at + 48 + packed], original + 1)) - original, 0) * LARGEST.unpacked
+                )
+            if size > LARGEST.unpacked:
+                raise too_large(path, f"{LARGEST.unpacked >> 20} MB")
         at = data.find(b"##DZ", at + 4)

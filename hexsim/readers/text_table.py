@@ -19,12 +19,12 @@ import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
+from hexsim.readers.reader import LARGEST
 from hexsim.signals.units import canonical
 
 SEPARATORS = {"tab": "\t", ",": ",", ";": ";", "whitespace": " "}
 TRIED = ("\t", ";", ",", "|", " ")  # the earlier one of two that fit alike
 STEADY = 0.8  # share of cells of a column that are values, share of columns that a row of data has
-WIDEST = 20_000  # columns
 MISSING = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "#N/A", "-", "--")
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
 STAMP = re.compile(
@@ -119,8 +119,10 @@ def find_table(
     ]
     if not kept:
         raise HexsimError(f"{path} is empty: no row of data")
-    if any(max(map(lines[i].count, TRIED)) > WIDEST for i in kept):
-        raise HexsimError(f"{path} has a row of more than {WIDEST:,} cells, which are the most: save fewer columns")
+    if any(max(map(lines[i].count, TRIED)) > LARGEST.text_columns for i in kept):
+        raise HexsimError(
+            f"{path} has a row of more than {LARGEST.text_columns:,} cells, which are the most: save fewer columns"
+        )
     kept = kept[: max(most_characters // max(len(lines[kept[len(kept) // 2]]), 1), least_lines)]
     tried = (SEPARATORS[layout.separator],) if layout.separator else (told[1],) if told else TRIED
     width = len(layout.columns) if layout.columns else None
@@ -159,7 +161,7 @@ class Shape:
         width = width or Counter(map(len, rich)).most_common(1)[0][0]
         of_width = [row for row in rich if len(row) == width]
         values = []
-        for k in range(min(width, WIDEST)):
+        for k in range(min(width, LARGEST.text_columns)):
             cells = [row[k].strip() for row in of_width if row[k].strip() not in MISSING]
             if cells and sum(map(is_value, cells)) >= STEADY * len(cells):
                 values.append(k)

@@ -11,10 +11,9 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal
 
 HEADER, RECEIVED = "header time", "time of receipt"
-LISTED_CELLS = MAX_CELLS // 4  # numbers that are collected one by one: a Python number takes four times its place
 
 
 @dataclass(kw_only=True)
@@ -42,7 +41,7 @@ class Topics:
 
     @property
     def is_full(self) -> bool:
-        return self.cells > LISTED_CELLS
+        return self.cells > LARGEST.listed_cells
 
     def raw(self, path: Path) -> RawLog:
         """A signal for each field: imu.linear_acceleration.x. Times count from the first message, on each clock."""

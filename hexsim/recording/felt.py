@@ -19,7 +19,7 @@ from hexsim.smoothness.perception import felt_figures
 if TYPE_CHECKING:
     from hexsim.simulation import Run
 
-FELT_HEADS = ("delay ms", "time felt", "reversals felt", "weighted rms", "of it unwanted", "MTVV", "VDV", "jerk rms")
+FELT_HEADS = ("delay [ms]", "time felt", "reversals felt", "weighted rms", "of it unwanted", "MTVV", "VDV", "jerk rms")
 
 
 def felt_of(runs: Mapping[str, Run]) -> dict[str, dict[str, dict[str, Any]]]:
@@ -58,6 +58,7 @@ def bump_chart(runs: Mapping[str, Signals], axis: str) -> Figure | None:
         plots[0].plot(
             [one.time_s for one in bumps], [one.bump_pp for one in bumps], "o-", color=colour, lw=0.8, ms=4, label=name
         )
+    plots[0].margins(x=0.02)  # whole markers at both ends
     plots[0].set_ylim(0.0, None)
     plots[0].set_xlabel("time [s]")
     plots[0].set_ylabel("peak to peak")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from io import BytesIO
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
@@ -23,10 +23,18 @@ from hexsim.recording import palette
 Parameters = ParamSpec("Parameters")
 Drawn = TypeVar("Drawn")
 
-WIDTH_IN = 9.6  # of a page
-DPI = 150  # sharp on a screen of two pixels a point
-MOST_POINTS = 2 * round(WIDTH_IN * DPI)  # of a line: two a pixel of the page
-WIDE = 2.0  # decades of an axis, from which it is logarithmic, or has one tick a decade
+
+class Paper(NamedTuple):
+    """Size of every figure."""
+
+    width_in: float = 9.6  # of a page
+    dpi: int = 150  # sharp on a screen of two pixels a point
+    wide: float = 2.0  # decades of an axis, from which it is logarithmic, or has one tick a decade
+
+
+PAPER = Paper()
+
+MOST_POINTS = 2 * round(PAPER.width_in * PAPER.dpi)  # of a line: two a pixel of the page
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
@@ -120,8 +128,8 @@ def new_figure(
     """Plots under each other. `heights`: share of each. margins: None finds out what the labels need."""
     shares = list(heights or [1.5] * rows)
     height = height or 1.0 + 1.25 * sum(shares)
-    figure = _figure(WIDTH_IN, height, title, margins is None)
-    grid: dict[str, Any] = margins.grid(rows, 1, WIDTH_IN, height) if margins else {}
+    figure = _figure(PAPER.width_in, height, title, margins is None)
+    grid: dict[str, Any] = margins.grid(rows, 1, PAPER.width_in, height) if margins else {}
     plots = figure.subplots(rows, 1, squeeze=False, gridspec_kw={"height_ratios": shares, **grid})
     return figure, list(plots[:, 0])
 
@@ -137,8 +145,8 @@ def small_multiples(
     """A grid of like plots; places left over stay empty. share_columns: one time axis a column. margins: as `new_figure`."""
     rows = -(-count // columns)
     whole = 0.7 + height * rows
-    figure = _figure(WIDTH_IN, whole, title, margins is None)
-    grid: dict[str, Any] = margins.grid(rows, columns, WIDTH_IN, whole) if margins else {}
+    figure = _figure(PAPER.width_in, whole, title, margins is None)
+    grid: dict[str, Any] = margins.grid(rows, columns, PAPER.width_in, whole) if margins else {}
     shared = "col" if share_columns else False
     plots = figure.subplots(rows, columns, squeeze=False, sharex=shared, gridspec_kw=grid)
     every = list(plots.flat)
@@ -205,7 +213,7 @@ def direction_colors() -> tuple[str, str]:
     return palette.RESPONSE, palette.MARK
 
 
-def png(figure: Figure, dpi: int = DPI) -> bytes:
+def png(figure: Figure, dpi: int = PAPER.dpi) -> bytes:
     """The figure as the bytes of a PNG file, drawn once: `savefig` lays out, then draws twice.
 
     Without the alpha channel, for figures are opaque: a tenth fewer bytes. Level 2 of compression: 10 % more bytes than

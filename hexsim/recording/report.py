@@ -325,5 +325,6 @@ SEEN_BESIDE = "The last periods. Below: tracking error and valve of a leg."
 FELT = (
     "Delay: of the acceleration behind the command, which the following leave out. Felt: share of time, and of reversals, with a "
     f"deviation above the threshold of perception (acceleration, {SOURCE}; rotations by their rate, Benson 1989). Weighted rms: "
-    "ISO 2631-1, of the whole acceleration and of the deviation."
+    "ISO 2631-1, of the whole acceleration and of the deviation [m/s², rad/s²]. MTVV: the largest of it over one second. VDV: fourth "
+    "root of its integrated fourth power [m/s^1.75]. Jerk [m/s³]."
 )

@@ -6,15 +6,24 @@ import math
 import re
 import unicodedata
 from functools import cache
+from typing import NamedTuple
 
 from hexsim.declaration import ATMOSPHERE_Pa
 from hexsim.errors import HexsimError
 
-POUND_kg = 0.45359237  # exact
-INCH_m = 0.0254  # exact
-STANDARD_GRAVITY = 9.80665  # [m/s2], exact as pound, inch and gallon are
-PSI_Pa = POUND_kg * STANDARD_GRAVITY / INCH_m**2  # from the three above
-GALLON_m3 = 231.0 * INCH_m**3  # of the United States
+
+class Exact(NamedTuple):
+    """Units that are exact by definition."""
+
+    pound_kg: float = 0.45359237  # exact
+    inch_m: float = 0.0254  # exact
+    gravity_m_s2: float = 9.80665  # standard
+    psi_Pa: float = pound_kg * gravity_m_s2 / inch_m**2  # from the three above
+    gallon_m3: float = 231.0 * inch_m**3  # of the United States
+
+
+EXACT = Exact()
+
 DEGREE = math.pi / 180
 
 # name: (factor, offset, dimension). Gauge pressures are the project's; absolute ones lose one standard atmosphere.
@@ -31,21 +40,21 @@ UNITS: dict[str, tuple[float, float, str]] = {
     "mm": (1e-3, 0.0, "m"),
     "um": (1e-6, 0.0, "m"),
     "cm": (1e-2, 0.0, "m"),
-    "in": (INCH_m, 0.0, "m"),
-    "ft": (12 * INCH_m, 0.0, "m"),
+    "in": (EXACT.inch_m, 0.0, "m"),
+    "ft": (12 * EXACT.inch_m, 0.0, "m"),
     "m_s": (1.0, 0.0, "m_s"),
     "mm_s": (1e-3, 0.0, "m_s"),
     "cm_s": (1e-2, 0.0, "m_s"),
-    "in_s": (INCH_m, 0.0, "m_s"),
+    "in_s": (EXACT.inch_m, 0.0, "m_s"),
     "m_min": (1 / 60, 0.0, "m_s"),
-    "ft_s": (12 * INCH_m, 0.0, "m_s"),
+    "ft_s": (12 * EXACT.inch_m, 0.0, "m_s"),
     "m_s2": (1.0, 0.0, "m_s2"),
     "mm_s2": (1e-3, 0.0, "m_s2"),
     "cm_s2": (1e-2, 0.0, "m_s2"),
-    "in_s2": (INCH_m, 0.0, "m_s2"),
-    "ft_s2": (12 * INCH_m, 0.0, "m_s2"),
-    "g": (STANDARD_GRAVITY, 0.0, "m_s2"),
-    "mg": (1e-3 * STANDARD_GRAVITY, 0.0, "m_s2"),
+    "in_s2": (EXACT.inch_m, 0.0, "m_s2"),
+    "ft_s2": (12 * EXACT.inch_m, 0.0, "m_s2"),
+    "g": (EXACT.gravity_m_s2, 0.0, "m_s2"),
+    "mg": (1e-3 * EXACT.gravity_m_s2, 0.0, "m_s2"),
     "rad": (1.0, 0.0, "rad"),
     "mrad": (1e-3, 0.0, "rad"),
     "deg": (DEGREE, 0.0, "rad"),
@@ -62,26 +71,26 @@ UNITS: dict[str, tuple[float, float, str]] = {
     "bar": (1e5, 0.0, "Pa"),
     "mbar": (1e2, 0.0, "Pa"),
     "bara": (1e5, -ATMOSPHERE_Pa, "Pa"),
-    "psi": (PSI_Pa, 0.0, "Pa"),
-    "psia": (PSI_Pa, -ATMOSPHERE_Pa, "Pa"),
-    "ksi": (1e3 * PSI_Pa, 0.0, "Pa"),
+    "psi": (EXACT.psi_Pa, 0.0, "Pa"),
+    "psia": (EXACT.psi_Pa, -ATMOSPHERE_Pa, "Pa"),
+    "ksi": (1e3 * EXACT.psi_Pa, 0.0, "Pa"),
     "atm": (ATMOSPHERE_Pa, 0.0, "Pa"),
-    "kgf_cm2": (1e4 * STANDARD_GRAVITY, 0.0, "Pa"),
+    "kgf_cm2": (1e4 * EXACT.gravity_m_s2, 0.0, "Pa"),
     "V": (1.0, 0.0, "V"),
     "mV": (1e-3, 0.0, "V"),
     "A": (1.0, 0.0, "A"),
     "mA": (1e-3, 0.0, "A"),
     "N": (1.0, 0.0, "N"),
     "kN": (1e3, 0.0, "N"),
-    "lbf": (POUND_kg * STANDARD_GRAVITY, 0.0, "N"),
-    "kgf": (STANDARD_GRAVITY, 0.0, "N"),
+    "lbf": (EXACT.pound_kg * EXACT.gravity_m_s2, 0.0, "N"),
+    "kgf": (EXACT.gravity_m_s2, 0.0, "N"),
     "daN": (10.0, 0.0, "N"),
     "kg_s": (1.0, 0.0, "kg_s"),
     "kg_min": (1 / 60, 0.0, "kg_s"),
     "kg_h": (1 / 3600, 0.0, "kg_s"),
     "g_s": (1e-3, 0.0, "kg_s"),
     "kg": (1.0, 0.0, "kg"),
-    "lb": (POUND_kg, 0.0, "kg"),
+    "lb": (EXACT.pound_kg, 0.0, "kg"),
     "m3_s": (1.0, 0.0, "m3_s"),
     "m3_h": (1 / 3600, 0.0, "m3_s"),
     "m3_min": (1 / 60, 0.0, "m3_s"),
@@ -93,8 +102,8 @@ UNITS: dict[str, tuple[float, float, str]] = {
     "cm3_min": (1e-6 / 60, 0.0, "m3_s"),
     "cm3_s": (1e-6, 0.0, "m3_s"),
     "mm3_s": (1e-9, 0.0, "m3_s"),
-    "gpm": (GALLON_m3 / 60, 0.0, "m3_s"),
-    "in3_s": (INCH_m**3, 0.0, "m3_s"),
+    "gpm": (EXACT.gallon_m3 / 60, 0.0, "m3_s"),
+    "in3_s": (EXACT.inch_m**3, 0.0, "m3_s"),
     "Hz": (1.0, 0.0, "Hz"),
     "kHz": (1e3, 0.0, "Hz"),
     "W": (1.0, 0.0, "W"),

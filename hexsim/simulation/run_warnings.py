@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics.leg import chamber_capacity
-from hexsim.hydraulics.steps import STIFF
+from hexsim.hydraulics.steps import STEP
 from hexsim.plant import Plant
 from hexsim.plant.readout import voids
 
@@ -39,7 +39,7 @@ def time_step_warnings(
     rule, y = plant.step_rule(), plant.piston_positions()
     stiffest = max(1.0 / chamber_capacity(p, y[i], plant.bottom_pressures()[i]) for i, p in enumerate(plant.rows))
     longest = {
-        "friction where a leg stands still": stable_real / (STIFF * rule.standstill),
+        "friction where a leg stands still": stable_real / (STEP.stiff * rule.standstill),
         "the oil's spring": stable_ring / np.sqrt(rule.springs * stiffest),
     }
     what = min(longest, key=lambda name: longest[name])

@@ -1,8 +1,8 @@
 """Tune a machine's controller: search over the linear model, then measure in the simulator.
 
     feed-forward    k_v, k_a: least squares of T = piston/setpoint against the setpoint filter's own response, all loops,
-                    weight 1/(1 + (f/FOLLOW_TO_Hz)^2)
-    feedback        Kp, pressure gain, setpoint filter: the least mean |T - 1|^2 up to FOLLOW_TO_Hz, valve gain off by
+                    weight 1/(1 + (f/follow_to_Hz)^2)
+    feedback        Kp, pressure gain, setpoint filter: the least mean |T - 1|^2 up to follow_to_Hz, valve gain off by
                     +-gain_off, kept from breaking phase margin, gain margin, peak and SHAKEN by a penalty (Nelder-Mead)
 
 What the noise of the transducers shakes, in the mode that it shakes most, stays below the threshold of perception with
@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -38,15 +38,23 @@ from hexsim.smoothness.threshold import PERCEPTION_m_s2
 
 Array = NDArray[np.float64]
 SHAKEN_m_s2 = min(PERCEPTION_m_s2.values()) / 3.0  # rms in the felt band, by noise of the transducers
-FOLLOW_TO_Hz = 10.0  # [Hz] no motion that people ride asks for more
-POINTS = 100  # frequencies of a loop that is judged thousands of times
-# at which an axis is measured: closest where a loop of a few hertz turns
-FREQUENCIES_Hz = (0.5, 1.0, 1.5, 2.5, 4.0, 5.5, 7.0, 8.5, 10.5, 13.0, 16.0, 19.5)
+
+
+class Judged(NamedTuple):
+    """Frequencies at which the loop is judged."""
+
+    follow_to_Hz: float = 10.0  # [Hz] no motion that people ride asks for more
+    points: int = 100  # frequencies of a loop that is judged thousands of times
+    # at which an axis is measured: closest where a loop of a few hertz turns
+    frequencies_Hz: tuple[float, ...] = (0.5, 1.0, 1.5, 2.5, 4.0, 5.5, 7.0, 8.5, 10.5, 13.0, 16.0, 19.5)
+
+
+JUDGED = Judged()
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisFigures:
-    """What one degree of freedom does in the simulator. response: at FREQUENCIES_Hz, complex."""
+    """What one degree of freedom does in the simulator. response: at frequencies_Hz, complex."""
 
     axis: str
     response: Array
@@ -102,7 +110,7 @@ class Search:
         same_mass: float = 0.02,  # relative difference of modes that are one loop
     ) -> None:
         self.machine, self.progress, self.evaluations = machine, progress, 0
-        self.f = np.geomspace(0.1, 0.45 * machine.controller.rate_Hz, POINTS)
+        self.f = np.geomspace(0.1, 0.45 * machine.controller.rate_Hz, JUDGED.points)
         self.loops: list[Loop] = []
         for loop in loops(machine):
             alike = (o for o in self.loops if (o.leg, o.extends) == (loop.leg, loop.extends))
@@ -176,7 +184,7 @@ class Search:
         ratio = 1j * self.f / np.exp(x[2])
         target = np.tile(1.0 / (1.0 + np.sqrt(2) * ratio + ratio**2), len(self.loops))
         columns = np.column_stack([T[1] - T[0], T[2] - T[0]])
-        weight = np.tile(1.0 / (1.0 + (self.f / FOLLOW_TO_Hz) ** 2), len(self.loops))
+        weight = np.tile(1.0 / (1.0 + (self.f / JUDGED.follow_to_Hz) ** 2), len(self.loops))
         left, right = columns * weight[:, None], (target - T[0]) * weight
         return np.linalg.lstsq(np.vstack([left.real, left.imag]), np.r_[right.real, right.imag], rcond=None)[0]
 
@@ -202,12 +210,12 @@ class Search:
         self.evaluations += 1
         self.progress(min(self.evaluations / 100, 1.0))
         error, beyond = [], []
-        below = self.f <= FOLLOW_TO_Hz
+        below = self.f <= JUDGED.follow_to_Hz
         for loop in self.closed(x, *self.feed_forward(x)):
             for factor in (1 - gain_off, 1 + gain_off):
                 A, B, read, through = loop.plant
                 off = dataclasses.replace(loop, plant=(A, factor * B, read, through))
-                figures = figures_of(off, POINTS)
+                figures = figures_of(off, JUDGED.points)
                 error.append(np.mean(np.abs(off.closed_response(self.f[below]) - 1.0) ** 2))
                 beyond += [
                     max(0.0, phase_margin_deg - (figures.phase_margin_deg or 180.0)) / 10.0,
@@ -231,13 +239,13 @@ def measure(
 ) -> list[AxisFigures]:
     """Every degree of freedom in the simulator, one multisine each. Raises HexsimError where a run does not end."""
     measured, axes = [], machine.mechanics.dofs
-    frequencies = np.array(FREQUENCIES_Hz)
+    frequencies = np.array(JUDGED.frequencies_Hz)
     for k, axis in enumerate(axes):
         omega = 2 * np.pi * frequencies
         size = np.minimum(speed_m_s / omega, acceleration_m_s2 / omega**2) / (
             turn_m if axis in ("roll", "pitch", "yaw") else 1.0
         )
-        signal = Multisine(amplitudes=tuple(size), frequencies_Hz=tuple(FREQUENCIES_Hz), seed=1)
+        signal = Multisine(amplitudes=tuple(size), frequencies_Hz=tuple(JUDGED.frequencies_Hz), seed=1)
         period = 2.0  # of all frequencies
         scenario = Scenario(
             name=f"tune-loop {axis}",
@@ -264,8 +272,8 @@ def measure(
 
 
 def axis_figures(axis: str, response: Array) -> AxisFigures:
-    """Figures from the response at FREQUENCIES_Hz."""
-    f, gain = np.array(FREQUENCIES_Hz), 20 * np.log10(np.abs(response))
+    """Figures from the response at frequencies_Hz."""
+    f, gain = np.array(JUDGED.frequencies_Hz), 20 * np.log10(np.abs(response))
     phase = np.degrees(np.unwrap(np.angle(response)))
     phase -= 360.0 * np.ceil((phase[0] - 90.0) / 360.0)
     return AxisFigures(

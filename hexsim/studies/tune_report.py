@@ -17,7 +17,7 @@ from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, plain_frequencies, png, small_multiples, styled
 from hexsim.recording.signals import AXIS_NAMES
 from hexsim.recording.summary_table import number
-from hexsim.studies.tune_loop import AxisFigures, FREQUENCIES_Hz, Tuning
+from hexsim.studies.tune_loop import JUDGED, AxisFigures, Tuning
 
 WAYS = ("before", "after")
 SHOWN_Hz = (0.2, 30.0)  # beyond what is measured by a factor of 1.5 to 2.5
@@ -70,8 +70,8 @@ def _axis_cells(one: AxisFigures) -> tuple[str, ...]:
 def _within(crossing_Hz: float | None) -> str:
     """A frequency, or on which side of those that were measured it lies."""
     if crossing_Hz is None:
-        return f"> {FREQUENCIES_Hz[-1]:g}"
-    return f"< {FREQUENCIES_Hz[0]:g}" if crossing_Hz <= FREQUENCIES_Hz[0] else number(crossing_Hz)
+        return f"> {JUDGED.frequencies_Hz[-1]:g}"
+    return f"< {JUDGED.frequencies_Hz[0]:g}" if crossing_Hz <= JUDGED.frequencies_Hz[0] else number(crossing_Hz)
 
 
 @styled
@@ -95,8 +95,8 @@ def bode_figure(tuning: Tuning) -> Figure:
             at = np.degrees(np.unwrap(np.angle(one.response)))
             points = {"color": color, "ls": "", "marker": "o", "ms": 3.0}
             label = f"{way}: simulated, {len(axes)} axes" if k == 0 else None
-            gain.semilogx(FREQUENCIES_Hz, 20 * np.log10(np.abs(one.response)), label=label, **points)
-            phase.semilogx(FREQUENCIES_Hz, at - 360.0 * np.ceil((at[0] - 90.0) / 360.0), **points)
+            gain.semilogx(JUDGED.frequencies_Hz, 20 * np.log10(np.abs(one.response)), label=label, **points)
+            phase.semilogx(JUDGED.frequencies_Hz, at - 360.0 * np.ceil((at[0] - 90.0) / 360.0), **points)
     gain.axhline(-3.0, color=palette.REFERENCE, lw=0.7, ls=":")
     phase.axhline(-90.0, color=palette.REFERENCE, lw=0.7, ls=":")
     gain.set_ylim(-30, 12)
@@ -123,7 +123,7 @@ def figures_json(tuning: Tuning) -> dict[str, Any]:
 
     return {
         "machine": tuning.machines[0].name,
-        "frequencies_Hz": list(FREQUENCIES_Hz),
+        "frequencies_Hz": list(JUDGED.frequencies_Hz),
         **{
             way: {
                 "controller": machine.controller.model_dump(exclude_none=True),

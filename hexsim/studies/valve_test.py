@@ -13,7 +13,7 @@ valves whose spool position is measured.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -25,10 +25,19 @@ from hexsim.hydraulics import leg, ports, valve
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
 
 Array = NDArray[np.float64]
-AMPLITUDES = (0.05, 0.25, 1.0)  # of full signal
+
+
+class Signals(NamedTuple):
+    """Signals of a valve's test."""
+
+    amplitudes: tuple[float, float, float] = (0.05, 0.25, 1.0)  # of full signal
+    steps: tuple[float, ...] = (0.1, 0.25, 0.5, 1.0)  # of full signal
+    seal_m3_s_Pa: float = 1e-17  # [m3/s/Pa] of a blocked port, so that a dead band has a pressure: the middle one
+
+
+SIGNALS = Signals()
+
 FREQUENCIES_Hz = np.geomspace(1.0, 1000.0, 61)
-STEPS = (0.1, 0.25, 0.5, 1.0)  # of full signal
-SEAL = 1e-17  # [m3/s/Pa] of a blocked port, so that a dead band has a pressure: the middle one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,8 +109,10 @@ def valve_test(
     blocked = np.array([_blocked(p, x, supply, tank) for x in spool])
     cycle = slice(500, None)  # one closed loop from +1 to +1
     time = np.arange(0, 6.0 / max(p[P.SPOOL_OMEGA] / 10, 10.0), step_s)
-    step = {a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), step_s) / p[P.SPOOL_TRAVEL] for a in STEPS}
-    bode = {a: _bode(p, a) for a in AMPLITUDES}
+    step = {
+        a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), step_s) / p[P.SPOOL_TRAVEL] for a in SIGNALS.steps
+    }
+    bode = {a: _bode(p, a) for a in SIGNALS.amplitudes}
     test = ValveTest(
         signal=signal[cycle],
         reversal=reversal,
@@ -134,7 +145,11 @@ def _no_load_flow(p: Array, x: float, supply: float, tank: float) -> float:
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
 
         def net(pressure: float) -> float:
-            return _port_a(p, x, pressure, supply) + _port_b(p, x, pressure, supply) + SEAL * (middle - pressure)
+            return (
+                _port_a(p, x, pressure, supply)
+                + _port_b(p, x, pressure, supply)
+                + SIGNALS.seal_m3_s_Pa * (middle - pressure)
+            )
 
         middle = float(scipy.optimize.root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
     return _port_a(p, x, middle, supply)
@@ -154,7 +169,7 @@ def _blocked(p: Array, x: float, supply: float, tank: float) -> tuple[float, flo
 
     def rest(flow: Any) -> float:
         def net(pressure: float) -> float:
-            return flow(p, x, pressure, supply) + SEAL * (middle - pressure)
+            return flow(p, x, pressure, supply) + SIGNALS.seal_m3_s_Pa * (middle - pressure)
 
         return float(scipy.optimize.root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
 

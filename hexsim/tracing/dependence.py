@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -23,11 +23,21 @@ from scipy.signal import lfilter
 from hexsim.tracing import rules
 
 Array = np.ndarray
-KNOTS = 14  # of a curve at most: half at quantiles, half evenly spaced
+
+
+class Curves(NamedTuple):
+    """Constants of the curves of a residual over a signal."""
+
+    knots: int = 14  # of a curve at most: half at quantiles, half evenly spaced
+    unclear: float = 0.2  # below this R^2 the residual's size is asked
+    # [s] time constants of a low-pass; that of a signal is sought a factor of 2.5 either way
+    lags_s: tuple[float, ...] = (0.1, 0.4, 1.6, 6.4)
+
+
+CURVE = Curves()
+
 CURVES = ("plain", "direction", "product")
 FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
-UNCLEAR = 0.2  # below this R^2 the residual's size is asked
-LAGS_S = (0.1, 0.4, 1.6, 6.4)  # [s] time constants of a low-pass; that of a signal is sought a factor of 2.5 either way
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,8 +85,8 @@ def hats(x: Array, knots: Array) -> Array:
 
 def knots_of(x: Array) -> Array:
     """Knots half at quantiles, half evenly spaced, so that neither a rare range nor a busy one is coarse."""
-    quantiles = np.quantile(x, np.linspace(0, 1, KNOTS // 2 + 1))
-    even = np.linspace(quantiles[0], quantiles[-1], KNOTS // 2 + 1)
+    quantiles = np.quantile(x, np.linspace(0, 1, CURVE.knots // 2 + 1))
+    even = np.linspace(quantiles[0], quantiles[-1], CURVE.knots // 2 + 1)
     return np.unique(np.concatenate([quantiles, even]))
 
 
@@ -168,7 +178,7 @@ def behind_low_pass(words: str, memory_s: float | None) -> str:
 def memories(velocities: Sequence[Array], rate: float) -> list[Regressors]:
     """sign(v) g(low-passed |v|) for every time constant."""
     found, v = [], np.concatenate(velocities)
-    for memory_s in LAGS_S:
+    for memory_s in CURVE.lags_s:
         lately = np.concatenate([low_passed(np.abs(own), memory_s, rate) for own in velocities])
         knots = knots_of(lately)
         found.append(
@@ -188,7 +198,7 @@ def best_memory(
         one = Regressors(form=form, X=design(form, lately, v, knots), knots=knots, memory_s=memory_s)
         return one, r2_of(one.X, r, blocks)
 
-    tried = [(n, f, m, scored(n, f, m)[1]) for f in CURVES for n in names for m in LAGS_S]
+    tried = [(n, f, m, scored(n, f, m)[1]) for f in CURVES for n in names for m in CURVE.lags_s]
     most = max(score for *_, score in tried) - rules.SLIGHT
     name, form, _, _ = next(one for one in tried if one[3] > most)
     near = max((one for one in tried if one[:2] == (name, form)), key=lambda one: one[3])[2]
@@ -258,10 +268,10 @@ def dependence_of(
             table=table | {"tone": share},
         )  # fmt: skip
     target = r
-    if max(table[name] for name in table if name in order) < UNCLEAR:
+    if max(table[name] for name in table if name in order) < CURVE.unclear:
         size = np.minimum(np.abs(r), np.quantile(np.abs(r), 1.0 - rules.TAIL))
         sized = {name: of_size(x, size, blocks) for name, x in moving.items()}
-        if max(sized[name][1] for name in sized if name in order) > UNCLEAR:
+        if max(sized[name][1] for name in sized if name in order) > CURVE.unclear:
             target, found = size, sized
     best = max(found[name][1] for name in found if name in order)
     signal = next(name for name in order if name in found and found[name][1] > best - rules.TELLABLE)

@@ -4,7 +4,7 @@ What follows from them is derived where it is used. Numbers of a motion, a windo
 """
 
 from hexsim.inference.remainder import OWN
-from hexsim.inference.verdict import CHANCE, END
+from hexsim.inference.verdict import GATES
 
 # Chance, and what passes for a difference
 ERRORS = 3.0  # standard errors from which something is there: chance brings it once in 370 times
@@ -12,7 +12,7 @@ SIGNIFICANT = (
     25.0  # fall of chi2 in units of the reduced one: five standard errors, none of a thousand columns by chance
 )
 CERTAIN = SIGNIFICANT**0.5  # the same in standard errors
-DOUBT = CHANCE  # share of the traces in which chance may take a name that makes no held-out channel worse
+DOUBT = GATES.chance  # share of the traces in which chance may take a name that makes no held-out channel worse
 MODEL_SHARE = 2.0e-3  # of the noise's mean square: two implementations of one model differ by it
 # Shares of a mean square
 SLIGHT = 0.03  # what a candidate, a form or a signal adds and is not preferred for: a sixth of an rms
@@ -55,7 +55,7 @@ START = 0.5  # typical sizes at which a refit begins where no column tells the s
 LARGEST_START = 3.0  # typical sizes at which any refit begins
 BASE_TOLERANCE = 0.02  # a refit of the declared machine stops when a step takes less of the excess chi2
 LEAST_STEP = 0.01  # of finite differences: half widths of a declared parameter, coordinates of an effect
-AT_END = END  # of a bound: a number as near to it is at the end of its range
+AT_END = GATES.end  # of a bound: a number as near to it is at the end of its range
 FOLDS = 6  # of the blocks, or runs: each is predicted from the others
 # Measurements that are designed
 MOTION_S = 20.0  # as the guide asks of a log to fit

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -40,12 +41,23 @@ from hexsim.tracing.steps.residuals import kept
 Array = np.ndarray
 MACHINES = {"bench": ("bench", "servo_bench"), "hexapod": ("micro_motion_system", "servo_hexapod")}
 DURATION_S = {"bench": 10.0, "hexapod": 6.0}  # three periods of the slowest tone; of a hexapod what takes a second
-SWEEP_S = 40.0  # slow: where damping is 0.05 the answer comes 0.4 s late, by 2 % of the frequency
+
+
+class Shown(NamedTuple):
+    """Motions that show an effect, and what is shown of it."""
+
+    sweep_s: float = 40.0  # slow: where damping is 0.05 the answer comes 0.4 s late, by 2 % of the frequency
+    # (Hz, share of a quarter of the stroke)
+    tones_Hz: tuple[tuple[float, float], ...] = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))
+    # velocity that a sweep asks for, from a quarter to twice the effect's frequency: beyond the overlap
+    sweep_m_s: float = 0.25
+    fastest_Hz: float = 0.5 / HALF_WIDTH_S  # a wave that goes by faster is lost in a balance's window
+    turning_m: float = 3e-4  # of travel after a reversal, shown of a bristle
+
+
+SHOWN = Shown()
+
 DRY = {f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")}
-TONES = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))  # (Hz, share of a quarter of the stroke)
-SWEEP_m_s = 0.25  # velocity that a sweep asks for, from a quarter to twice the effect's frequency: beyond the overlap
-SHOWN_Hz = 0.5 / HALF_WIDTH_S  # a wave that goes by faster is lost in a balance's window
-TURNING_m = 3e-4  # of travel after a reversal, shown of a bristle
 SHOWN_AT = {  # where the typical size does nothing in this motion, or little but what another effect does
     "air_of_a_chamber": {"bottom_fraction": 0.05},
     "inertia_change": {"x_kg_m2": 30.0, "y_kg_m2": 30.0, "z_kg_m2": 50.0},
@@ -161,7 +173,11 @@ def over_a_period(found: Signature, signals: dict[str, Array], v: Array) -> Sign
         return replace(found, signal="time_s", x=signals["time_s"] % period, period=period)
     period = values.get("pitch_m") or values["wavelength_m"]
     rate = np.abs(v) / period
-    shown = rate < SHOWN_Hz if found.balance.name != "sensor" else (rate > 0.4 * SHOWN_Hz) & (rate < SHOWN_Hz)
+    shown = (
+        rate < SHOWN.fastest_Hz
+        if found.balance.name != "sensor"
+        else (rate > 0.4 * SHOWN.fastest_Hz) & (rate < SHOWN.fastest_Hz)
+    )
     return replace(
         found, signal="position_m", x=signals["position_m"][shown] % period, period=period, residual=found.residual[shown],
         without=found.without[shown], outward=found.outward[shown],
@@ -173,7 +189,7 @@ def over_the_turning(found: Signature, signals: dict[str, Array], v: Array) -> S
     if "bristle_stiffness_N_m" not in found.values:
         return found
     travel = travel_since_reversal(signals["position_m"], v)
-    near = travel < TURNING_m
+    near = travel < SHOWN.turning_m
     return replace(
         found, signal="travel_m", x=travel[near], residual=found.residual[near], without=found.without[near],
         outward=found.outward[near],
@@ -185,17 +201,17 @@ def sweep(middle_Hz: float, t: Array) -> tuple[Array, Array]:
     growth = np.log(8.0) / t[-1]
     frequency = 0.25 * middle_Hz * np.exp(growth * t)
     angle = 2.0 * np.pi * (frequency - frequency[0]) / growth
-    return frequency, SWEEP_m_s / (2.0 * np.pi * frequency) * np.sin(angle)
+    return frequency, SHOWN.sweep_m_s / (2.0 * np.pi * frequency) * np.sin(angle)
 
 
 def asked_log(machine: Machine, kind: str, sweep_Hz: float | None) -> Log:
     """A log that holds setpoints alone: heave and, of a hexapod, roll and pitch of many frequencies; a sweep of heave about
     that frequency where one is given."""
-    n = int((DURATION_S[kind] if sweep_Hz is None else SWEEP_S) * rules.LOG_RATE_Hz)
+    n = int((DURATION_S[kind] if sweep_Hz is None else SHOWN.sweep_s) * rules.LOG_RATE_Hz)
     t = np.arange(n) / rules.LOG_RATE_Hz
     fade = np.clip(t, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(t, 0.0, 1.0))
     reach = 0.25 * machine.cylinder.stroke_m
-    waves = [fade * sum(a * np.sin(2 * np.pi * f * t + k * f) for f, a in TONES) for k in range(3)]
+    waves = [fade * sum(a * np.sin(2 * np.pi * f * t + k * f) for f, a in SHOWN.tones_Hz) for k in range(3)]
     if sweep_Hz is not None:
         waves = [fade * sweep(sweep_Hz, t)[1] / reach, 0.0 * t, 0.0 * t]
     if kind == "bench":

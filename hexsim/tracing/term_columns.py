@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +15,18 @@ from hexsim.tracing import rules
 from hexsim.tracing.checks.sensor_agreement import agreement
 
 Array = np.ndarray
-PARTS = 4  # parts of a run that have a delay of their own: clocks of different recorders drift
-FOLLOWS = 0.8  # least correlation of a channel with what it is aligned to
-JUMP_S = 0.15  # [s] a part whose delay is further from the others' median is taken to be wrong
+
+
+class Clocks(NamedTuple):
+    """Alignment of channels from other recorders."""
+
+    parts: int = 4  # parts of a run that have a delay of their own: clocks of different recorders drift
+    follows: float = 0.8  # least correlation of a channel with what it is aligned to
+    jump_s: float = 0.15  # [s] a part whose delay is further from the others' median is taken to be wrong
+
+
+CLOCKS = Clocks()
+
 PLACES = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, *np.arange(0.1, 0.95, 0.05), 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)
 # quantiles of a signal at which a hinge or a threshold may lie: dense at the ends, where rare effects act
 
@@ -49,7 +59,7 @@ class Point:
         """Samples that are scored: where channels were aligned on the first half of each part, the second half; of windows
         that see no filled stretch."""
         n = len(self.log.time)
-        second = (np.arange(n) * 2 * PARTS // n) % 2 == 1
+        second = (np.arange(n) * 2 * CLOCKS.parts // n) % 2 == 1
         keep = second != self.aligning if len(self.shifts_s) else np.ones(n, dtype=bool)
         if self.rows is not None:
             keep &= np.isin(np.arange(n), np.arange(n)[self.rows])
@@ -128,17 +138,17 @@ def aligned(window: Window, name: str, channel: Array, reference: Array, constan
     HexsimError when no part follows (correlation below 0.8).
     """
     n, rate = len(channel), 1.0 / window.dt
-    parts = np.array_split(np.arange(n), PARTS)
+    parts = np.array_split(np.arange(n), CLOCKS.parts)
     found = []
     for part in parts:
         half = part[: len(part) // 2]
         found.append(agreement(window.mean(reference[half]), window.mean(channel[half]), rate, 0.0, window.half))
-    follows = [one.correlation >= FOLLOWS for one in found]
+    follows = [one.correlation >= CLOCKS.follows for one in found]
     if not any(follows):
         best = max(one.correlation for one in found)
         raise HexsimError(f"{name} does not follow its reference (correlation {best:.2f}): it cannot be aligned")
     middle = float(np.median([one.delay_s for one, good in zip(found, follows, strict=True) if good]))
-    used = [good and abs(one.delay_s - middle) < JUMP_S for one, good in zip(found, follows, strict=True)]
+    used = [good and abs(one.delay_s - middle) < CLOCKS.jump_s for one, good in zip(found, follows, strict=True)]
     delays = [one.delay_s if good and not constant else middle for one, good in zip(found, used, strict=True)]
     delay = np.concatenate([np.full(len(part), own) for part, own in zip(parts, delays, strict=True)])
     words = ", ".join(f"{1e3 * own:.0f}" for own in delays)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +20,18 @@ from hexsim.tracing.term_columns import OwnBalance, Point, Term, by_delay, run_d
 from hexsim.tracing.term_selection import Chosen, placed, rms
 
 Array = np.ndarray
-LATE_S = 0.02  # [s] prior standard deviation of what an alignment leaves
-TOP_RAD = 0.1  # phase that such a delay may make, 1 % of a mean square: rows of a higher frequency are left out
-LEAST_SHARE = 0.1  # of a run's rows that must count
+
+
+class LateRows(NamedTuple):
+    """Rows of a regression whose delays are known to an error only."""
+
+    late_s: float = 0.02  # [s] prior standard deviation of what an alignment leaves
+    # phase that such a delay may make, 1 % of a mean square: rows of a higher frequency are left out
+    top_rad: float = 0.1
+    least_share: float = 0.1  # of a run's rows that must count
+
+
+LATE = LateRows()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +64,7 @@ def rows_of(balance: OwnBalance, point: Point) -> Rows | None:
     counted = point.log.whole(half * point.window.dt, 2)[at]
     if balance.valid is not None:
         counted = counted & balance.valid(point)[at]
-    if counted.mean() < LEAST_SHARE or counted.sum() < 40:
+    if counted.mean() < LATE.least_share or counted.sum() < 40:
         return None
     target = np.broadcast_to(balance.target(point), (n,))[at]
     if not np.all(np.isfinite(target[counted])):
@@ -77,10 +87,10 @@ class BalanceProblem:
             number_of(term, size / width, term.name in declared) for term, width in zip(terms, widths, strict=True)
         ]
         self.numbers += [
-            Number(name=term.name, start=0.0, mean=0.0, sd=LATE_S, scale=LATE_S, unit="s", local=True) for _, term in late
+            Number(name=term.name, start=0.0, mean=0.0, sd=LATE.late_s, scale=LATE.late_s, unit="s", local=True) for _, term in late
         ]  # fmt: skip
         groups = min(rules.FOLDS, len(rows))
-        top = TOP_RAD / (2.0 * np.pi * LATE_S) if late else np.inf
+        top = LATE.top_rad / (2.0 * np.pi * LATE.late_s) if late else np.inf
         self.stretches = [
             Stretch(name=run.point.log.name, group=f"part {k % groups + 1}", dt=run.dt, weight=run.counted.astype(float)[:, None],
                     top_Hz=top)

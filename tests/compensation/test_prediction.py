@@ -42,7 +42,7 @@ def test_a_jump_of_packets_comes_in_later() -> None:
         setpoint = 0.1 if k < 500 else 0.1001
         watched(predictor, np.array([setpoint]), setpoint)
         made.append(prediction.predict(predictor, prediction.prediction_table(), 9, setpoint)[1])
-    assert abs(predictor.offset_m) < prediction.MAX_OFFSET_M
+    assert abs(predictor.offset_m) < prediction.FOLLOWING.max_offset_m
     assert np.abs(np.diff(made, 2)).max() / 0.002**2 < 0.11
     assert made[-1] == pytest.approx(0.1001, abs=2e-5)
 

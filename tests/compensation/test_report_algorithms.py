@@ -10,9 +10,6 @@ from leg_plant import Leg, Record, run
 
 import compensation
 from compensation import flow_curve, report_functions
-from compensation.buffered import Buffered
-from compensation.exact import Exact
-from compensation.iterative import Iterative
 
 REPORT_LEG = dict(quadratic=True, spool_Hz=0.0, sharpness_m_s=0.0)  # chapter 3 and 5: Eq. 3.11, no spool, arctan
 REPORT = dict(rate_Hz=1e4, noise=False)  # its simulation ran at 10 kHz with clean signals
@@ -72,7 +69,7 @@ def test_a_wrong_flow_curve_is_refused() -> None:
 def test_exact_inverse_of_the_quadratic_curve_leaves_almost_nothing(uncompensated) -> None:
     """Report 5.2: with the curve known, a twentieth of the bump is left (smooth friction hides the rest, errata Eq.
     3.9)."""
-    exact = Exact(curve=flow_curve.quadratic_curve(), slope_m_s_V=0.15)
+    exact = compensation.create("exact", curve=flow_curve.quadratic_curve(), slope_m_s_V=0.15)
     left = run(exact, Leg(**REPORT_LEG), duration_s=8.0, **REPORT).peak(6.0, 8.0, band_Hz=None)
     assert uncompensated == pytest.approx(0.438, rel=0.02)  # the errata's independent figure
     assert left < uncompensated / 10
@@ -82,7 +79,7 @@ def test_iterative_with_function_2_shrinks_and_stays(uncompensated) -> None:
     """Report Fig. 5.10: the peaks fall steadily to a fifth and stay; a reaches q/4 within 15 %
     (q is the largest voltage ever seen, a little beyond where the curves cross)."""
     made = run(
-        Iterative(function=2, form="report", gain=2.0, velocity_bandwidth_Hz=None),
+        compensation.create("iterative", function=2, form="report", gain=2.0, velocity_bandwidth_Hz=None),
         Leg(**REPORT_LEG),
         duration_s=22.0,
         **LONG,
@@ -97,7 +94,7 @@ def test_iterative_with_function_2_shrinks_and_stays(uncompensated) -> None:
 def test_iterative_with_function_1_shrinks_then_grows() -> None:
     """Report Fig. 5.7, 5.8: with function (1) the error never ends, a blows up past q/2 and the peaks grow again."""
     made = run(
-        Iterative(function=1, form="report", gain=2.0, velocity_bandwidth_Hz=None),
+        compensation.create("iterative", function=1, form="report", gain=2.0, velocity_bandwidth_Hz=None),
         Leg(**REPORT_LEG),
         duration_s=60.0,
         **LONG,
@@ -114,7 +111,7 @@ def test_the_half_width_of_5_3_makes_it_worse(uncompensated) -> None:
     shrink."""
     printed, mended = (
         run(
-            Iterative(form="report", offset=offset, gain=0.5, velocity_bandwidth_Hz=None),
+            compensation.create("iterative", form="report", offset=offset, gain=0.5, velocity_bandwidth_Hz=None),
             Leg(**REPORT_LEG),
             duration_s=16.0,
             **LONG,
@@ -127,14 +124,18 @@ def test_the_half_width_of_5_3_makes_it_worse(uncompensated) -> None:
 
 @pytest.fixture(scope="module")
 def buffered_as_reported() -> Record:
-    return run(Buffered(form="report"), Leg(**REPORT_LEG), duration_s=8.0, **REPORT)
+    return run(compensation.create("buffered", form="report"), Leg(**REPORT_LEG), duration_s=8.0, **REPORT)
 
 
 @pytest.mark.parametrize("form", ["report", "corrected"])
 def test_buffered_is_nearly_right_after_its_first_update(form, uncompensated, buffered_as_reported) -> None:
     """Report 5.5: after the first two buffers a is within 20 % of q/4, and the peak is about halved at least."""
     corrected = form == "corrected"
-    made = run(Buffered(), Leg(**REPORT_LEG), duration_s=8.0, **REPORT) if corrected else buffered_as_reported
+    made = (
+        run(compensation.create("buffered"), Leg(**REPORT_LEG), duration_s=8.0, **REPORT)
+        if corrected
+        else buffered_as_reported
+    )
     a, q, _ = made.known["curves"][0]
     assert a == pytest.approx(q / 4, rel=0.2)
     assert made.peak(6.0, 8.0) < uncompensated / 1.8
@@ -142,7 +143,13 @@ def test_buffered_is_nearly_right_after_its_first_update(form, uncompensated, bu
 
 def test_buffered_is_unmoved_by_velocity_noise(buffered_as_reported) -> None:
     """Report 5.5: 2 mm/s of white velocity noise moves a and q by less than 2 %."""
-    made = run(Buffered(form="report"), Leg(**REPORT_LEG), duration_s=8.0, velocity_noise_m_s=2e-3, **REPORT)
+    made = run(
+        compensation.create("buffered", form="report"),
+        Leg(**REPORT_LEG),
+        duration_s=8.0,
+        velocity_noise_m_s=2e-3,
+        **REPORT,
+    )
     clean, noisy = (record.known["curves"][0] for record in (buffered_as_reported, made))
     assert noisy[:2] == pytest.approx(clean[:2], rel=0.02)
 
@@ -155,14 +162,16 @@ def test_buffered_follows_an_oil_step_both_ways() -> None:
         if time_s >= 12.0:
             leg.density_kg_m3, leg.friction = 850.0, 0.67
 
-    made = run(Buffered(), Leg(**REPORT_LEG), duration_s=26.0, change=warmer, **LONG)
+    made = run(compensation.create("buffered"), Leg(**REPORT_LEG), duration_s=26.0, change=warmer, **LONG)
     assert made.peak(24.0, 26.0) < 0.25 * 0.43
 
 
 def test_two_curves_beat_one_on_a_valve_with_hysteresis() -> None:
     """Report chapter 6: on a valve with backlash, a curve for each sign of acceleration finds offsets of opposite
     sign."""
-    made = run(Buffered(two_sided=True), Leg(**REPORT_LEG, backlash_V=0.05), duration_s=14.0, **LONG)
+    made = run(
+        compensation.create("buffered", two_sided=True), Leg(**REPORT_LEG, backlash_V=0.05), duration_s=14.0, **LONG
+    )
     falling, rising = (curve[2] for curve in made.known["curves"])
     assert rising > 0.01 > -0.01 > falling
 
@@ -170,6 +179,6 @@ def test_two_curves_beat_one_on_a_valve_with_hysteresis() -> None:
 def test_wrong_choices_are_named() -> None:
     """A function or form that does not exist is refused with what there is."""
     with pytest.raises(ValueError, match=r"choose 1 .* or 2"):
-        Buffered(function=3)
+        compensation.create("buffered", function=3)
     with pytest.raises(ValueError, match="report or corrected"):
-        Iterative(form="new")
+        compensation.create("iterative", form="new")

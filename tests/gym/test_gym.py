@@ -98,7 +98,7 @@ def test_the_reward_looks_into_the_band(frequency_Hz, low, high):
         t = (k + 0.5) * task.tick_s
         velocity = velocity + task.tick_s * np.sin(2 * np.pi * frequency_Hz * t)
         paid.append(episodes.advance(np.zeros((1, 1)), velocity)[0])
-    amplitude = tasks.DEVIATION_m_s2 * np.sqrt(2 * np.mean(-np.array(paid[2000:])))
+    amplitude = tasks.SEEN.deviation_m_s2 * np.sqrt(2 * np.mean(-np.array(paid[2000:])))
     assert low <= amplitude <= high
 
 

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 import hexsim as hx
-from compensation.adaptive.leg import orifice
-from hexsim import HexsimError, load_scenario
-from hexsim.declaration.oil_grades import kinematic_viscosity
-from hexsim.hydraulics import leg, ports
+from compensation.adaptive import leg as adaptive_leg
+from hexsim import HexsimError, load_scenario, smoothness
+from hexsim.hydraulics import leg, oil, ports
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve, warm_oil
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.simulation import simulate
-from hexsim.smoothness import reversal_bumps
 
 BENCH, SERVO = load_machine("bench"), load_machine("servo_bench")
 PS, OVERLAP, GRADIENT, DISCHARGE, DENSITY = 7e6, 5e-6, math.pi * 1e-2, 0.611, 860.0
@@ -135,7 +133,7 @@ def test_the_ride_warms_its_oil_and_its_bump_grows():
         heat = log["oil_temperature_degC"].to_numpy()
         assert abs(heat[0] - 15.0) < 0.1 and abs(heat[-1] - 60.0) < 2.0 and np.diff(heat).min() >= 0.0
         names = ("time_s", "true_acceleration_m_s2", "commanded_velocity_m_s", "commanded_acceleration_m_s2")
-        bumps = reversal_bumps(*(log[name].to_numpy() for name in names), start_s=6.0)
+        bumps = smoothness.reversal_bumps(*(log[name].to_numpy() for name in names), start_s=6.0)
         sizes = np.array([bump.bump_pp for bump in bumps])
         tenth = len(sizes) // 10
         grown[reynolds] = sizes[-tenth:].mean() / sizes[:tenth].mean()
@@ -161,11 +159,11 @@ def test_the_compensator_s_model_has_this_law(degC):
     both roots smooth within 1 Pa."""
     row, found = row_of(temperature=degC), np.zeros(5)
     row[P.PRESSURE_WIDTH] = 1.0
-    viscosity = kinematic_viscosity(degC)  # [m2/s]
+    viscosity = oil.kinematic_viscosity(degC)  # [m2/s]
     laminar = DENSITY / 2 * (SLOT * viscosity / (2.0 * DISCHARGE)) ** 2
     for opening in (2e-6, 1e-5, 1e-4):
         for drop in (1e5, 35e5, -60e5):
-            orifice(opening, drop, 1.0, laminar, found)
+            adaptive_leg.orifice(opening, drop, 1.0, laminar, found)
             mine = DISCHARGE * GRADIENT * math.sqrt(2.0 / DENSITY) * found[0]
             assert mine == pytest.approx(flow(row, opening, drop), rel=1e-3)
 

@@ -67,7 +67,7 @@ def test_an_open_valve_at_little_pressure_drop_takes_shorter_steps(bench):
     rows, supply = bench
     rule = steps.step_rule(rows, supply, MASS / 100)
     counts = [here(rule, rows[0], x=1e-3, P1=7e6 - drop) for drop in (5e6, 1e6, 1e5, 0.0)]
-    assert counts == sorted(counts) and counts[0] < counts[-1] == round(1e-3 / steps.FASTEST_LAW_S)
+    assert counts == sorted(counts) and counts[0] < counts[-1] == round(1e-3 / steps.STEP.fastest_law_s)
 
 
 def test_a_fast_supply_line_takes_shorter_steps(bench):
@@ -78,7 +78,7 @@ def test_a_fast_supply_line_takes_shorter_steps(bench):
     for capacity in (5e-12, 1e-13, 5e-16):
         supply[supplies.S.CAPACITY] = capacity
         counts.append(here(steps.step_rule(rows, supply, MASS / 100), rows[0]))
-    assert counts == sorted(counts) and counts[0] < counts[1] < counts[2] == round(1e-3 / steps.FASTEST_LAW_S)
+    assert counts == sorted(counts) and counts[0] < counts[1] < counts[2] == round(1e-3 / steps.STEP.fastest_law_s)
 
 
 def test_an_end_stop_takes_shorter_steps(bench):
@@ -100,7 +100,7 @@ def test_no_step_is_shorter_than_the_shortest(bench):
     """Whatever a state asks for: SHORTEST_S."""
     rows, supply = bench
     rule = steps.step_rule(rows, supply, MASS)
-    assert steps.count_steps(rule, np.inf, CALM, 1e-3) == round(1e-3 / steps.SHORTEST_S)
+    assert steps.count_steps(rule, np.inf, CALM, 1e-3) == round(1e-3 / steps.STEP.shortest_s)
 
 
 @pytest.mark.parametrize(("v", "x"), [(0.1, 0.0), (0.5, 1e-4)])

@@ -89,7 +89,7 @@ def test_the_simulator_answers_small_signals_as_the_model_does(servo_bench, keys
     """
     machine = changed(servo_bench, keys)
     model = np.mean(
-        [loop.closed_response(np.array(tune_loop.FREQUENCIES_Hz)) for loop in loop_model.loops(machine)], axis=0
+        [loop.closed_response(np.array(tune_loop.JUDGED.frequencies_Hz)) for loop in loop_model.loops(machine)], axis=0
     )
     ratio = tune_loop.measure(machine)[0].response / model
     assert np.abs(np.abs(ratio) - 1).max() < 0.08 and np.abs(np.degrees(np.angle(ratio))).max() < 5.0

@@ -91,12 +91,13 @@ def test_mdf_states_its_own_units(table, tmp_path):
 
 
 def test_mapping_file_names_units_and_delays(table, tmp_path):
-    """inch, bar, g and a late channel become the measured-log columns; a German table (; and decimal comma) is read."""
+    """inch beside a gauge's zero, bar, g and a late channel become the measured-log columns; a German table (; and decimal comma) is
+    read."""
     late = 12  # samples
     foreign = pl.DataFrame(
         {
             "t [ms]": table["time_s"] * 1e3,
-            "Weg": table["position_m"] / 0.0254,
+            "Weg": (table["position_m"] - 0.01) / 0.0254,
             "Ventil": table["valve_V"],
             "Druck": table["pressure_bottom_Pa"] / 1e5,
             "a": np.roll(table["acceleration_m_s2"].to_numpy(), late) / 9.80665,
@@ -106,7 +107,7 @@ def test_mapping_file_names_units_and_delays(table, tmp_path):
     (tmp_path / "log.txt").write_text(text)
     (tmp_path / "map.toml").write_text(
         'kind = "bench"\n[columns.time_s]\nfrom = "t [ms]"\nunit = "ms"\n'
-        '[columns.position_m]\nfrom = "Weg"\nunit = "inch"\n'
+        '[columns.position_m]\nfrom = "Weg"\nunit = "inch"\noffset = 0.01\n'
         '[columns.valve_V]\nfrom = "Ventil"\n[columns.pressure_bottom_Pa]\nfrom = "Druck"\nunit = "bar"\n'
         '[columns.acceleration_m_s2]\nfrom = "a"\nunit = "g"\ndelay_s = 0.012\n'
     )

@@ -100,5 +100,6 @@ def test_a_dwell_at_an_end_stop_is_no_saturation(tmp_path):
         return [loss for loss in read_back(log, tmp_path).losses if "saturated" in loss]
 
     assert said(dwelling) == []
+    assert len(said(np.minimum(0.02 * t, 0.05))) == 1  # and never comes back
     [cut_off] = said(np.minimum(0.07 * np.sin(2 * np.pi * 0.5 * t), 0.05))
     assert int(re.search(r"saturated at 500000 in (\d+) rows", cut_off)[1]) > 500

@@ -36,6 +36,19 @@ def test_a_figures_title_stands_above_its_plots(margins):
     assert max(plot.get_tightbbox(renderer).y1 for plot in plots) <= title.y0 + 1.0 < figure.bbox.y1
 
 
+def test_margins_are_inches():
+    """A grid's plots stand as far from the edges and from each other as its margins say, in a figure of any height."""
+    margins = figure_style.Margins(left=0.7, right=0.2, top=0.5, bottom=0.4, across=0.9, between=0.6)
+    for height in (2.0, 4.0):
+        figure, plots = figure_style.small_multiples(4, "", 2, height, margins=margins)
+        inches = figure.transFigure - figure.dpi_scale_trans
+        first, second, third, last = (plot.get_position().transformed(inches) for plot in plots)
+        wide, high = figure.get_size_inches()
+        edges = (first.x0, wide - last.x1, high - first.y1, last.y0)
+        assert edges == pytest.approx((margins.left, margins.right, margins.top, margins.bottom))
+        assert (second.x0 - first.x1, first.y0 - third.y1) == pytest.approx((margins.across, margins.between))
+
+
 @pytest.mark.parametrize(("hexapod", "names"), [(True, NAMES), (False, [n for n in NAMES if n != "parasitic"])])
 def test_every_axis_of_every_figure_has_a_unit(hexapod, names):
     """All figures are made, in the report's order, and each y axis says its unit (its label, or the title above it)."""

@@ -17,7 +17,7 @@ LITRE_A_MINUTE = 1e-3 / 60
         (("l/s", "L/s", "dm³/s"), 1e-3),
         (("m3/h", "m³/h", "m^3/h"), 1 / 3600),
         (("cm3/s", "cm³/s", "cc/s", "mL/s"), 1e-6),
-        (("PSI", "Psi", "psi", "psig", "lbf/in²"), units.PSI_Pa),
+        (("PSI", "Psi", "psi", "psig", "lbf/in²"), units.EXACT.psi_Pa),
         (("Bar", "BAR", "bar", "barg", "bar(g)", "bar g"), 1e5),
         (("hPa", "mbar"), 1e2),
         (("MPa", "MPA", "N/mm2", "N/mm²"), 1e6),
@@ -29,7 +29,7 @@ LITRE_A_MINUTE = 1e-3 / 60
         (("\N{GREEK SMALL LETTER MU}m", "\N{MICRO SIGN}m", "um", "micron"), 1e-6),
         (("\N{GREEK SMALL LETTER MU}s", "\N{MICRO SIGN}s", "us"), 1e-6),
         (("MM", "mm", "[mm]"), 1e-3),
-        (("inch", "Inch", "in", '"'), units.INCH_m),
+        (("inch", "Inch", "in", '"'), units.EXACT.inch_m),
         (("g", "G"), 9.80665),
         (("kN", "KN"), 1e3),
         (("volts", "Volt", "V"), 1.0),
@@ -52,7 +52,7 @@ def test_absolute_pressures_and_temperatures_have_an_offset():
     """1.01325 bar absolute is 0 bar gauge; 0 degC is 273.15 K and 32 degF."""
     for spelling, reading, value in (
         ("bar(a)", 1.01325, 0.0),
-        ("psia", 1.01325e5 / units.PSI_Pa, 0.0),
+        ("psia", 1.01325e5 / units.EXACT.psi_Pa, 0.0),
         ("K", 273.15, 0.0),
         ("°F", 32.0, 0.0),
         ("°C", 20.0, 20.0),

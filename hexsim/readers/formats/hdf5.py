@@ -10,8 +10,7 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_columns import time_columns
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
-from hexsim.readers.sizes import MOST_COLUMNS
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader
 
 UNITS = ("units", "unit", "Unit", "Units", "UNITS")  # attributes that state one
 
@@ -34,8 +33,8 @@ class Hdf5Reader(Reader):
             sets: list[Any] = []
             file.visititems(lambda _, item: sets.append(item) if isinstance(item, h5py.Dataset) else None)
             cells = sum(item.size or 0 for item in sets if item.ndim)
-            if cells > MAX_CELLS:
-                raise HexsimError(f"{path} holds {cells:,} numbers, {MAX_CELLS:,} are the most: save less of it")
+            if cells > LARGEST.cells:
+                raise HexsimError(f"{path} holds {cells:,} numbers, {LARGEST.cells:,} are the most: save less of it")
             for item in sets:
                 head, _, name = item.name.strip("/").replace("/", ".").rpartition(".")
                 if item.external or item.is_virtual:
@@ -75,7 +74,7 @@ def columns(item: Any, name: str, raw: RawLog) -> list[tuple[str, np.ndarray]]:
     if item.ndim == 1:
         return [(name, values)]
     rows = values.T if values.shape[0] >= values.shape[1] else values
-    return [(name if len(rows) == 1 else f"{name}_{k + 1}", row) for k, row in enumerate(rows[:MOST_COLUMNS])]
+    return [(name if len(rows) == 1 else f"{name}_{k + 1}", row) for k, row in enumerate(rows[: LARGEST.columns])]
 
 
 def text(value: Any) -> str:

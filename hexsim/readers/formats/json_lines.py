@@ -13,9 +13,9 @@ import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawLog, RawSignal, Reader
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader
 from hexsim.readers.text_table import seconds
-from hexsim.readers.topics import LISTED_CELLS, flatten
+from hexsim.readers.topics import flatten
 
 
 class JsonLinesReader(Reader):
@@ -43,7 +43,7 @@ class JsonLinesReader(Reader):
                     if isinstance(v, str) and v[:1].isdigit() and len(v) <= stamp_characters
                 }
             )
-            if numbers.cells + texts.cells > LISTED_CELLS:
+            if numbers.cells + texts.cells > LARGEST.listed_cells:
                 raw.lose_rows(f"{path.name} holds more numbers than are kept: what comes later is left out")
                 break
         for name, column in texts.of.items():

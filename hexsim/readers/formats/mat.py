@@ -12,7 +12,7 @@ import scipy
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader
 from hexsim.readers.sizes import check_mat, check_mat_of_hdf5, too_large
 
 MODELICA = {"Aclass", "name", "dataInfo", "data_2"}  # variables of a result of Dymola or OpenModelica
@@ -47,8 +47,8 @@ def variables(path: Path) -> dict[str, Any]:
         return by_mat_io(path, "of version 7.3", "save it again with save(..., '-v7')")
     except TypeError:  # an object without a shape
         return by_mat_io(path, "with a table or timetable", "save its columns as vectors")
-    if cells > MAX_CELLS:
-        raise too_large(path, f"{MAX_CELLS:,} numbers")
+    if cells > LARGEST.cells:
+        raise too_large(path, f"{LARGEST.cells:,} numbers")
     return scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
 
 

@@ -9,9 +9,8 @@ from typing import Any
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawLog, Reader
+from hexsim.readers.reader import LARGEST, RawLog, Reader
 from hexsim.readers.ros_messages import BadDefinition, Messages
-from hexsim.readers.sizes import LARGEST_LOG, LARGEST_PART
 from hexsim.readers.topics import Topics
 
 
@@ -69,14 +68,14 @@ def records(stream: Any, path: Path, topics: Topics) -> Iterator[Any]:
 
     size = 0
     try:
-        for record in StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_PART).records:
+        for record in StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST.part).records:
             if not isinstance(record, Chunk):
                 yield record
                 continue
             size += record.uncompressed_size
-            if record.uncompressed_size > LARGEST_PART or size > LARGEST_LOG:
+            if record.uncompressed_size > LARGEST.part or size > LARGEST.log:
                 raise HexsimError(
-                    f"{path} unpacks to more than {LARGEST_PART >> 20} MB in one chunk or {LARGEST_LOG >> 20} MB in all: "
+                    f"{path} unpacks to more than {LARGEST.part >> 20} MB in one chunk or {LARGEST.log >> 20} MB in all: "
                     "cut it (mcap filter)"
                 )
             record.data, record.compression = unpacked(record), ""
@@ -86,7 +85,7 @@ def records(stream: Any, path: Path, topics: Topics) -> Iterator[Any]:
             raise
         topics.cut = f"{path.name} ends within a record: what stands before was read"
     except RecordLengthLimitExceeded as error:
-        raise HexsimError(f"{path} has a record of more than {LARGEST_PART >> 20} MB: {error}") from None
+        raise HexsimError(f"{path} has a record of more than {LARGEST.part >> 20} MB: {error}") from None
 
 
 def unpacked(chunk: Any) -> bytes:

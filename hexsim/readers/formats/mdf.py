@@ -17,7 +17,7 @@ import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader
 from hexsim.readers.sizes import check_mdf, too_large
 
 
@@ -91,8 +91,8 @@ def as_numbers(file: Any, number: int, index: int, signal: Any, raw: RawLog, nam
 def refuse_large(path: Path, file: Any) -> None:
     """Ask for the size of what would be unpacked."""
     cells = sum(int(group.channel_group.cycles_nr) * max(len(group.channels), 1) for group in file.groups)
-    if cells > MAX_CELLS:
-        raise too_large(path, f"{MAX_CELLS:,} numbers")
+    if cells > LARGEST.cells:
+        raise too_large(path, f"{LARGEST.cells:,} numbers")
 
 
 @contextmanager

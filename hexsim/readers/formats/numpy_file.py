@@ -13,8 +13,7 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_columns import seconds_of, time_columns
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
-from hexsim.readers.sizes import MOST_COLUMNS
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader
 
 
 class NumpyReader(Reader):
@@ -31,8 +30,8 @@ class NumpyReader(Reader):
         for name, file, size in members(path):
             shape, _, kind = header(file, name, path)
             cells += math.prod(shape) * max(len(kind.names or ()), 1)
-            if cells > MAX_CELLS:
-                raise HexsimError(f"{path} holds {cells:,} numbers, {MAX_CELLS:,} are the most: save less of it")
+            if cells > LARGEST.cells:
+                raise HexsimError(f"{path} holds {cells:,} numbers, {LARGEST.cells:,} are the most: save less of it")
             if kind.hasobject or math.prod(shape) < 3 or not (kind.names or kind.kind in "fiubMm"):
                 raw.left_out.append(f"array {name} holds {'objects' if kind.hasobject else kind}, not numbers")
                 continue
@@ -89,7 +88,7 @@ def columns(name: str, values: np.ndarray, raw: RawLog) -> dict[str, np.ndarray]
         return {name: flat}
     if flat.ndim == 2:
         rows = flat.T if flat.shape[0] >= flat.shape[1] else flat
-        return {f"{name}_{k + 1}": row for k, row in enumerate(rows[:MOST_COLUMNS])}
+        return {f"{name}_{k + 1}": row for k, row in enumerate(rows[: LARGEST.columns])}
     raw.left_out.append(f"array {name} has {flat.ndim} dimensions")
     return {}
 

@@ -9,9 +9,8 @@ from typing import Any
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawLog, Reader
+from hexsim.readers.reader import LARGEST, RawLog, Reader
 from hexsim.readers.ros_messages import BadDefinition, Messages
-from hexsim.readers.sizes import LARGEST_PART
 from hexsim.readers.topics import Topics
 
 
@@ -58,20 +57,20 @@ class Ros1BagReader(Reader):
 
 
 def bounded(unpack: Callable[[bytes], bytes]) -> Callable[[bytes], bytes]:
-    """The same decompressor, that unpacks no more than LARGEST_PART."""
+    """The same decompressor, that unpacks no more than part."""
     kind = getattr(unpack, "__module__", "") or ""
 
     def limited(data: bytes) -> bytes:
         if "bz2" in kind:
-            out = bz2.BZ2Decompressor().decompress(data, LARGEST_PART)
+            out = bz2.BZ2Decompressor().decompress(data, LARGEST.part)
         elif "lz4" in kind:
             from lz4.frame import LZ4FrameDecompressor
 
-            out = LZ4FrameDecompressor().decompress(data, LARGEST_PART)
+            out = LZ4FrameDecompressor().decompress(data, LARGEST.part)
         else:
             return unpack(data)
-        if len(out) >= LARGEST_PART:
-            raise HexsimError(f"a chunk of the bag unpacks to more than {LARGEST_PART >> 20} MB: save it again")
+        if len(out) >= LARGEST.part:
+            raise HexsimError(f"a chunk of the bag unpacks to more than {LARGEST.part >> 20} MB: save it again")
         return out
 
     return limited

@@ -11,9 +11,8 @@ from typing import Any
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawLog, Reader
+from hexsim.readers.reader import LARGEST, RawLog, Reader
 from hexsim.readers.ros_messages import BadDefinition, Messages
-from hexsim.readers.sizes import LARGEST_LOG, LARGEST_PART
 from hexsim.readers.topics import Topics
 
 ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
@@ -42,7 +41,7 @@ class RosBagReader(Reader):
         """Messages of a file."""
         messages = Messages()
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as bag:
-            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_PART)
+            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST.part)
             tables = {name for (name,) in bag.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             for needed in CELLS:
                 if needed not in tables:
@@ -61,9 +60,9 @@ class RosBagReader(Reader):
                 if data[:4] == ZSTD:
                     data = self.unpacked(data)
                     size += len(data)
-                    if size > LARGEST_LOG:
+                    if size > LARGEST.log:
                         raise HexsimError(
-                            f"{path} unpacks to more than {LARGEST_LOG >> 20} MB: cut it (ros2 bag convert)"
+                            f"{path} unpacks to more than {LARGEST.log >> 20} MB: cut it (ros2 bag convert)"
                         )
                 topics.add(name, stamp_ns, messages.decoder(kind)(data))
                 if topics.is_full:
@@ -84,7 +83,7 @@ class RosBagReader(Reader):
         import zstandard
 
         with zstandard.ZstdDecompressor().stream_reader(data) as file:
-            return file.read(LARGEST_PART)
+            return file.read(LARGEST.part)
 
 
 def rows(

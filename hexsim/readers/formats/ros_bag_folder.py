@@ -10,8 +10,7 @@ from hexsim.errors import HexsimError
 from hexsim.readers.formats.mcap import McapReader
 from hexsim.readers.formats.ros_bag import RosBagReader
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawLog, Reader
-from hexsim.readers.sizes import LARGEST_LOG, PIECE
+from hexsim.readers.reader import LARGEST, RawLog, Reader
 from hexsim.readers.topics import Topics
 
 METADATA = "metadata.yaml"
@@ -42,15 +41,15 @@ class BagFolderReader(Reader):
 
 
 def unpacked(part: Path, folder: Path) -> Path:
-    """A part of `--compression-mode file` as a file of its own, no more than LARGEST_LOG bytes."""
+    """A part of `--compression-mode file` as a file of its own, no more than log bytes."""
     import zstandard
 
     out, size = folder / part.stem, 0
     with open(part, "rb") as packed, open(out, "wb") as file:
-        for piece in zstandard.ZstdDecompressor().read_to_iter(packed, write_size=PIECE):
+        for piece in zstandard.ZstdDecompressor().read_to_iter(packed, write_size=LARGEST.piece):
             size += len(piece)
-            if size > LARGEST_LOG:
-                raise HexsimError(f"{part} unpacks to more than {LARGEST_LOG >> 20} MB: cut it (ros2 bag convert)")
+            if size > LARGEST.log:
+                raise HexsimError(f"{part} unpacks to more than {LARGEST.log >> 20} MB: cut it (ros2 bag convert)")
             file.write(piece)
     return out
 

@@ -10,7 +10,7 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_columns import seconds_of, time_columns
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader
 
 
 class TdmsReader(Reader):
@@ -32,8 +32,8 @@ class TdmsReader(Reader):
             file = TdmsFile.open(stream)  # a damaged file would stay open if nptdms opened it
             channels = [channel for group in file.groups() for channel in group.channels()]
             cells = sum(len(channel) for channel in channels)
-            if cells > MAX_CELLS:
-                raise HexsimError(f"{path} holds {cells:,} numbers, {MAX_CELLS:,} are the most: save less of it")
+            if cells > LARGEST.cells:
+                raise HexsimError(f"{path} holds {cells:,} numbers, {LARGEST.cells:,} are the most: save less of it")
             begins = [start for channel in channels if (start := begin(channel)) is not None]
             lengths = {(channel.group_name, len(channel)) for channel in channels if len(channel)}
             for group in file.groups():

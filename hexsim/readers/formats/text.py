@@ -14,8 +14,7 @@ import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_ROWS, RawLog, RawSignal, Reader, max_rows
-from hexsim.readers.sizes import PIECE
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader, max_rows
 from hexsim.readers.text_table import MISSING, Table, find_table, records, seconds
 
 SI_LETTER = re.compile(rb"(\d\.?)([numk])(?=[\s;,]|$)")
@@ -90,18 +89,18 @@ def with_own_times(raw: RawLog, table: Table) -> None:
 
 
 def inflated(file: IO[bytes]) -> Iterator[bytes]:
-    """Content of a gzip file, at most PIECE bytes at a time however well it is packed; several members as one.
+    """Content of a gzip file, at most piece bytes at a time however well it is packed; several members as one.
 
     Raises EOFError where it ends within a member, zlib.error where it is damaged.
     """
     inflate, packed = zlib.decompressobj(wbits=31), b""
     while True:
-        packed = packed or file.read(PIECE)
+        packed = packed or file.read(LARGEST.piece)
         if inflate.eof:
             if not packed:
                 return
             inflate = zlib.decompressobj(wbits=31)  # another member follows
-        piece = inflate.decompress(packed, PIECE)
+        piece = inflate.decompress(packed, LARGEST.piece)
         if not (packed or piece or inflate.eof):
             raise EOFError
         yield piece
@@ -114,17 +113,17 @@ def file_bytes(
     *,
     most_bytes: int = 150_000_000,  # bytes of text that are read: a million rows of a bench, half a million of a hexapod
 ) -> bytes:
-    """Content of a plain or gzip file, up to about MAX_ROWS lines and most_bytes bytes; a damaged gzip gives what it holds."""
+    """Content of a plain or gzip file, up to about rows lines and most_bytes bytes; a damaged gzip gives what it holds."""
     pieces: list[bytes] = []
     lines = size = 0
     try:
         with open(path, "rb") as file:
             zipped = file.read(2) == b"\x1f\x8b"
             file.seek(0)
-            for piece in inflated(file) if zipped else iter(lambda: file.read(PIECE), b""):
+            for piece in inflated(file) if zipped else iter(lambda: file.read(LARGEST.piece), b""):
                 lines, size = lines + piece.count(b"\n"), size + len(piece)
                 pieces.append(piece)
-                if lines > MAX_ROWS + 10:
+                if lines > LARGEST.rows + 10:
                     break
                 if size > most_bytes:
                     raw.lose_rows(

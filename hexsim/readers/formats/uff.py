@@ -11,7 +11,7 @@ import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
+from hexsim.readers.reader import LARGEST, RawLog, RawSignal, Reader
 
 DIRECTIONS = {1: "x", 2: "y", 3: "z", -1: "-x", -2: "-y", -3: "-z", 4: "rx", 5: "ry", 6: "rz"}
 
@@ -99,7 +99,7 @@ def refuse_large(
         if len(numbers) < 2 or not numbers[1].isdigit():
             raise HexsimError(f"{path}: data set 58 at byte {begin.start()} has no number of points in its record 7")
         cells += int(numbers[1])
-        if cells > min(MAX_CELLS, len(content)):  # at least a byte a value
+        if cells > min(LARGEST.cells, len(content)):  # at least a byte a value
             raise HexsimError(
                 f"{path} claims {cells:,} values in {len(content):,} bytes: it is damaged, or save less of it"
             )

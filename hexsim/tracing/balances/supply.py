@@ -18,7 +18,7 @@ from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.hydraulics.steps import FASTEST_LAW_S
+from hexsim.hydraulics.steps import STEP
 from hexsim.hydraulics.supply import LINE, POWER_UNIT, S, line_capacity, power_unit_rates, pump_flow_command
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import HALF_WIDTH_S, WHOLE, Window
@@ -57,7 +57,7 @@ def moved(a, h, rate):
 def power_unit_pressures(s, start, demand, dt):
     """Ps [Pa] that a power unit gives for the flow taken (n,) [m3/s], from rest at the pressure `start`. RK4."""
     Ps = np.empty(demand.shape[0])
-    steps = max(int(np.ceil(dt / FASTEST_LAW_S)), 1)
+    steps = max(int(np.ceil(dt / STEP.fastest_law_s)), 1)
     h = dt / steps
     state = (1.0, pump_flow_command(s, 1.0, start), demand[0], start, s[S.START_TEMPERATURE], start)
     for i in range(demand.shape[0]):

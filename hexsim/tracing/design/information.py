@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,9 +34,17 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
 UNKNOWN = float(np.sqrt(np.finfo(float).eps))  # share of what is known after a motion below which nothing is
-SHARP = 0.1  # a number known to this share is sharp
-ENOUGH = 10.0  # times the needed separation: more is worth nothing
-CREDIBLE = 2.0  # information a coordinate: errors smaller by e
+
+
+class Knowing(NamedTuple):
+    """What a number is worth."""
+
+    sharp: float = 0.1  # a number known to this share is sharp
+    enough: float = 10.0  # times the needed separation: more is worth nothing
+    credible: float = 2.0  # information a coordinate: errors smaller by e
+
+
+KNOWING = Knowing()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,14 +149,14 @@ class Promise:
 
         A separation counts with the information on all numbers, an average of them (Atkinson's DT-optimality, 2008): a
         motion that only tells two hypotheses apart shows little of a third. A pair that no motion separates weighs alike
-        in all. Information counts up to CREDIBLE: small steps and slow strokes promise any amount, because near a standstill
+        in all. Information counts up to credible: small steps and slow strokes promise any amount, because near a standstill
         differences grow, and a real machine keeps little of it.
         """
         if self.separations:
-            sizes = np.clip(list(self.separations.values()), rules.SLIGHT * self.needed, ENOUGH * self.needed)
-            return float(np.mean(np.log(sizes))) + min(self.information, CREDIBLE)
+            sizes = np.clip(list(self.separations.values()), rules.SLIGHT * self.needed, KNOWING.enough * self.needed)
+            return float(np.mean(np.log(sizes))) + min(self.information, KNOWING.credible)
         error = 0.0 if wanted is None else self.errors[wanted]
-        return min(self.information, CREDIBLE) - (float(np.log(error)) if 0.0 < error < np.inf else 0.0)
+        return min(self.information, KNOWING.credible) - (float(np.log(error)) if 0.0 < error < np.inf else 0.0)
 
     @property
     def tied(self) -> list[tuple[str, str]]:
@@ -203,7 +212,7 @@ def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> 
 def nothing_told(first: Hypothesis, pairs: Iterable[tuple[str, str]]) -> Promise:
     """Of a motion in which too little can be believed."""
     now = tuple(number.standard_error for number in first.numbers)
-    return Promise(separations=dict.fromkeys(pairs, 0.0), errors=now, information=-CREDIBLE)
+    return Promise(separations=dict.fromkeys(pairs, 0.0), errors=now, information=-KNOWING.credible)
 
 
 def growth(before: Array, after: Array) -> float:

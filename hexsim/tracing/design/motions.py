@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import qmc
@@ -26,11 +26,20 @@ from hexsim.tracing import rules
 Array = np.ndarray
 KINDS = ("multisine", "sweep", "constant_acceleration_reversals", "constant_velocity_strokes", "block")
 SLOWEST_Hz = 1.0 / rules.MOTION_S  # one period of the duration
-FASTEST_Hz = 15.0  # what a loop of a few hertz still answers
-SMALLEST_SHARE = 0.1  # of the largest possible size
-FASTEST_STEP_Hz = 1.0  # periods of steps a second
-SEEDS = 64  # of phases
-FREE = 1.05  # the largest size stays this factor inside the limits
+
+
+class Sizes(NamedTuple):
+    """Sizes of the motions that are tried."""
+
+    fastest_Hz: float = 15.0  # what a loop of a few hertz still answers
+    smallest_share: float = 0.1  # of the largest possible size
+    fastest_step_Hz: float = 1.0  # periods of steps a second
+    seeds: int = 64  # of phases
+    free: float = 1.05  # the largest size stays this factor inside the limits
+
+
+SIZES = Sizes()
+
 FIRST_MOTIONS = (  # kind, lower and upper frequency, slope, size
     ("sweep", "slow", "slow", 0.5, 1.0),
     ("multisine", "slow", "fast", 0.5, 1.0),
@@ -69,7 +78,7 @@ class MotionFamily:
             (0, 1),
             (0, 1),
             (0, 1),
-            (0, SEEDS - 1),
+            (0, SIZES.seeds - 1),
         ]
         return [*own, (0, 1)] if self.may_load else own
 
@@ -102,7 +111,7 @@ class MotionFamily:
             (5.77 * h / own.acceleration_m_s2) ** 0.5,
             (60.0 * h / own.jerk_m_s3) ** (1 / 3),
         )
-        return min(FREE * max(need), 0.5 / FASTEST_STEP_Hz)
+        return min(SIZES.free * max(need), 0.5 / SIZES.fastest_step_Hz)
 
     @cached_property
     def corners_Hz(self) -> list[tuple[float, float]]:
@@ -120,7 +129,7 @@ class MotionFamily:
                 for kind in ("excursion", "velocity", "acceleration")
             )
             corners = (v / x, a / v)
-            found.append(tuple(float(np.clip(own / (2.0 * np.pi), SLOWEST_Hz, FASTEST_Hz)) for own in corners))
+            found.append(tuple(float(np.clip(own / (2.0 * np.pi), SLOWEST_Hz, SIZES.fastest_Hz)) for own in corners))
         return found
 
     def first_points(self, count: int) -> Array:
@@ -139,9 +148,11 @@ class MotionFamily:
                 "slow": slow,
                 "middle": np.sqrt(slow * fast),
                 "fast": fast,
-                "fastest": FASTEST_Hz,
+                "fastest": SIZES.fastest_Hz,
             }
-            place = {name: float(np.log(f / SLOWEST_Hz) / np.log(FASTEST_Hz / SLOWEST_Hz)) for name, f in named.items()}
+            place = {
+                name: float(np.log(f / SLOWEST_Hz) / np.log(SIZES.fastest_Hz / SLOWEST_Hz)) for name, f in named.items()
+            }
             rows.append((KINDS.index(kind), axis, size, place[low], place[high], slope, k, (k // 2 + k) % 2))
         low, high = np.transpose(self.bounds)
         more = qmc.scale(qmc.Sobol(len(low), rng=0).random(count), low, high + 1e-9)
@@ -150,8 +161,8 @@ class MotionFamily:
     def scenario(self, point: Array) -> dict[str, Any] | None:
         """Tables of the scenario; None where it cannot be made inside the limits."""
         kind, axis, seed = KINDS[round(point[0])], round(point[1]) % len(self.axes), round(point[6])
-        size = SMALLEST_SHARE + (1.0 - SMALLEST_SHARE) * float(point[2])
-        low, high = sorted(float(SLOWEST_Hz * (FASTEST_Hz / SLOWEST_Hz) ** x) for x in (point[3], point[4]))
+        size = SIZES.smallest_share + (1.0 - SIZES.smallest_share) * float(point[2])
+        low, high = sorted(float(SLOWEST_Hz * (SIZES.fastest_Hz / SLOWEST_Hz) ** x) for x in (point[3], point[4]))
         driven = self.axes if kind == "multisine" else self.axes[axis : axis + 1]
         scale = 1.0
         for _ in range(rules.FEW):
@@ -170,7 +181,7 @@ class MotionFamily:
             tables = self._tables(
                 {name: one | {"duration_s": self.duration_s} if kind == "sweep" else one for name, one in axes.items()}
             )
-            scale /= FREE * self.beyond(tables) / size
+            scale /= SIZES.free * self.beyond(tables) / size
             if not 1e-6 < scale < 1e6:
                 return None
         if self.must_load or (self.may_load and round(point[7])):
@@ -231,7 +242,7 @@ def signal(
         hold = ("position", "velocity", "acceleration")[min(int(3 * slope), 2)]
         return {"kind": kind, "amplitude": reach, "start_Hz": low_Hz, "end_Hz": high_Hz, "law": "log", "hold": hold}
     if kind == "block":
-        frequency_Hz = min(max(low_Hz, 0.1), FASTEST_STEP_Hz)
+        frequency_Hz = min(max(low_Hz, 0.1), SIZES.fastest_step_Hz)
         return {"kind": kind, "amplitude": reach, "frequency_Hz": frequency_Hz, "transition_s": step_s}
     if kind == "constant_acceleration_reversals":
         half = 0.25 / min(max(low_Hz, 0.1), 2.0)

@@ -19,7 +19,7 @@ from hexsim.errors import HexsimError
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
 from hexsim.tracing import rules
 from hexsim.tracing.design.ceiling import Ceiling, ceiling_of
-from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, hypothesis
+from hexsim.tracing.design.information import KNOWING, Number, OpenRefits, Promise, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.rest import OpenRest, labels_of, open_rest
 from hexsim.tracing.design.words import beside_one_term, cannot_tell, expected_words, purpose_of, with_the_sums
@@ -247,7 +247,7 @@ def worst(numbers: tuple[Number, ...]) -> int | None:
     if not numbers:
         return None
     place = int(np.argmax([np.nan_to_num(number.relative, nan=np.inf) for number in numbers]))
-    return place if numbers[place].relative > SHARP else None
+    return place if numbers[place].relative > KNOWING.sharp else None
 
 
 def _promise(family: MotionFamily, asked: Open, point: np.ndarray) -> tuple[dict[str, Any], Promise] | None:

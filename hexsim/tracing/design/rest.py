@@ -25,7 +25,7 @@ from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.design.believed import enters_a_cushion, hangs_on
-from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, shrunk, with_load
+from hexsim.tracing.design.information import KNOWING, Hypothesis, Promise, shrunk, with_load
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.covariance import inverse
 from hexsim.tracing.fitting.fit import Fit, all_columns, bounds_of, coordinates_of, effect_columns, start_fit_at
@@ -155,7 +155,7 @@ def promise(asked: OpenRest, log: Log) -> Promise:
     known = before > 0.0  # a number at the end of its range, which no log moves, stays as it is
     share = np.sqrt(np.where(known, np.diag(inverse(after)) / np.where(known, before, 1.0), 1.0))
     told = discovery(asked, there[0], seen, columns[0], weights, after)
-    dull = [share[number.place] for number in asked.first.numbers if number.relative > SHARP]
+    dull = [share[number.place] for number in asked.first.numbers if number.relative > KNOWING.sharp]
     separations = {
         (asked.labels[0], asked.labels[k]): separation(asked, k, there[k].misfit[0], columns[k], weights)
         for k in range(1, len(asked.found))

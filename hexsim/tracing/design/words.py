@@ -7,7 +7,7 @@ from typing import Any
 
 from hexsim.tracing import rules
 from hexsim.tracing.design.ceiling import Ceiling
-from hexsim.tracing.design.information import SHARP, Number, Promise
+from hexsim.tracing.design.information import KNOWING, Number, Promise
 from hexsim.tracing.fitting.fitted_numbers import Total
 from hexsim.tracing.state import NamedEffect, Trace
 
@@ -45,7 +45,9 @@ def purpose_of(
         what = f"{number.name} of {number.effect} better"
         now = f"{number.value:.3g} +- {number.standard_error:.2g} now"
         least = least_words(number, ceiling, wanted)
-        if expected > rules.SHARPENED * number.standard_error and (least or number.relative_of(expected) > SHARP):
+        if expected > rules.SHARPENED * number.standard_error and (
+            least or number.relative_of(expected) > KNOWING.sharp
+        ):
             return f"no motion tells {what}{least or ' in this time'}; {now}"
         return f"to know {what}{put_on}: {now}{least and '; no motion tells it better'}{least}"
     if numbers:
@@ -79,7 +81,7 @@ def with_the_sums(purpose: str, totals: Sequence[Total]) -> str:
 def least_words(number: Number, ceiling: Ceiling, place: int) -> str:
     """Why no motion makes a number sharp; empty where all motions that were tried together would."""
     share = number.relative_of(ceiling.errors[place])
-    if not share > SHARP:
+    if not share > KNOWING.sharp:
         return ""
     why = ceiling.declared[place]
     return f" than {100 * share:.0f} %" + (f": {why}" if why else "")
@@ -100,7 +102,7 @@ def cannot_tell(trace: Trace, found: Promise, numbers: tuple[Number, ...], ceili
         for one, other in found.tied
     ]
     for place, (number, error) in enumerate(zip(numbers, found.errors, strict=True)):
-        if number.relative_of(error) > SHARP:
+        if number.relative_of(error) > KNOWING.sharp:
             least = least_words(number, ceiling, place)
             said.append(
                 f"{number.name} of {number.effect} to better than {100 * number.relative_of(error):.0f} %"

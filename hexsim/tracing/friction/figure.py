@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, styled
+from hexsim.recording.figure_style import PAPER, styled
 from hexsim.tracing.friction.identification import FrictionResult
 from hexsim.tracing.friction.stribeck import KEYS, curve, row_with
 
@@ -16,7 +16,7 @@ from hexsim.tracing.friction.stribeck import KEYS, curve, row_with
 @styled
 def friction_figure(result: FrictionResult) -> Figure:
     """Measured samples, bins with error bars, fitted and declared curve; left the whole range, right the slow part."""
-    figure, axes = plt.subplots(1, 2, figsize=(WIDTH_IN, 3.6), layout="constrained", width_ratios=(3, 2))
+    figure, axes = plt.subplots(1, 2, figsize=(PAPER.width_in, 3.6), layout="constrained", width_ratios=(3, 2))
     fastest = float(np.max(np.abs(result.points_velocity_m_s)))
     c = max(result.parameters["stribeck_velocity_extend_m_s"], result.parameters["stribeck_velocity_retract_m_s"])
     declared = row_with(result.machine, np.array([result.declared[key] for key in KEYS]))

@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 
 from hexsim.inference.verdict import needed
 from hexsim.tracing import rules
-from hexsim.tracing.term_columns import PARTS, OwnBalance, Point, RunData, run_data
+from hexsim.tracing.term_columns import CLOCKS, OwnBalance, Point, RunData, run_data
 from hexsim.tracing.term_selection import residual, rms, solve_physical
 
 Array = np.ndarray
@@ -127,7 +127,7 @@ class Problem:
 def read_later(point: Point, lates: Sequence[Late], seconds: Array) -> Point:
     """The point with channels read later by other delays."""
     shifts = {name: np.array(delay_s) for name, delay_s in point.shifts_s.items()}
-    parts = np.array_split(np.arange(len(point.log.time)), PARTS)
+    parts = np.array_split(np.arange(len(point.log.time)), CLOCKS.parts)
     for late, value in zip(lates, seconds, strict=True):
         for part in late.parts:
             shifts[late.channel][parts[part]] = value
@@ -138,7 +138,7 @@ def starts(points: Sequence[Point], lates: Sequence[Late]) -> Array:
     """The delays that the points have now (n,) [s]: medians over the parts of each unknown."""
     found = []
     for late in lates:
-        parts = np.array_split(points[late.run].shifts_s[late.channel], PARTS)
+        parts = np.array_split(points[late.run].shifts_s[late.channel], CLOCKS.parts)
         found.append(np.median(np.concatenate([parts[part] for part in late.parts])))
     return np.array(found)
 
@@ -153,7 +153,7 @@ def holds(balance: OwnBalance, point: Point, channel: str) -> bool:
 
 def unknowns(points: Sequence[Point], channels: Collection[str], split: Collection[str] = ()) -> list[Late]:
     """Every delay of these channels to be found: of a run, or of each part for those in `split`."""
-    whole = tuple(range(PARTS))
+    whole = tuple(range(CLOCKS.parts))
     return [
         Late(run=i, channel=name, parts=parts)
         for i, point in enumerate(points)
@@ -183,7 +183,7 @@ def refined(
     found = problem.fit(lates, starts(fit, lates))
     if split := channels - set(constant):
         finer = unknowns(fit, channels, split)
-        start = [found.seconds[lates.index(replace(one, parts=tuple(range(PARTS))))] for one in finer]
+        start = [found.seconds[lates.index(replace(one, parts=tuple(range(CLOCKS.parts))))] for one in finer]
         parts = problem.fit(finer, np.array(start))
         found = parts if parts.criterion < found.criterion - 2.0 * needed(1) else found
     signs |= other_signs(problem, found)

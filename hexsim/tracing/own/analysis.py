@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.inference.notebook import Notebook
-from hexsim.inference.verdict import AT
+from hexsim.inference.verdict import GATES
 from hexsim.tracing import rules
 from hexsim.tracing.own.events import Event, events, said
 from hexsim.tracing.own.folder import OwnMachine
@@ -101,7 +101,7 @@ def remarks_of(balance: OwnBalance, verdict: OwnVerdict, held_out: dict[str, dic
         value, error = verdict.coefficients[term.name]
         if term.declared is not None and term.uncertainty > 0:
             off = (value - term.declared) / term.uncertainty
-            if abs(off) > AT:
+            if abs(off) > GATES.at:
                 size = f"{value:.4g} +- {error:.2g} {term.unit}".removesuffix(" 1")
                 found.append(
                     f"{term.name} is {size}, {abs(off):.1f} standard deviations from the declared {term.declared:.4g}"
@@ -177,7 +177,7 @@ def traded(balance: OwnBalance, runs: Sequence[RunData], verdict: OwnVerdict) ->
         moved = numbers(balance, runs, (*verdict.terms, placed(balance, runs, verdict.terms, tied)))
         for term in verdict.terms:
             (value, error), (other, wide) = verdict.coefficients[term.name], moved[term.name]
-            if abs(other - value) > AT * error:
+            if abs(other - value) > GATES.at * error:
                 found.append(
                     f"{term.name} would be {other:.4g} +- {wide:.2g} {term.unit} if {tied.name} acted as well: they are tied"
                 )

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.own.formulas import DEEPEST, RATES, tree_of
+from hexsim.own.formulas import BOUNDS, RATES, tree_of
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.term_columns import Expression, Point
 
@@ -47,7 +47,7 @@ def plain(text: str, where: str, names: Mapping[str, str] | None = None) -> Expr
 
 def parsed(text: str, where: str, names: Mapping[str, str], depth: int = 0) -> ast.expr:
     """The tree of a formula, with the names of other formulas put in."""
-    if depth > DEEPEST:
+    if depth > BOUNDS.deepest:
         raise HexsimError(f"{where}: the formula is too long or names itself: {text[:60]!r}")
     tree = tree_of(text, where, (*FUNCTIONS, *RATES))
 

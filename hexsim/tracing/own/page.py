@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import MOST_POINTS, WIDE, legend, new_figure, png, styled
+from hexsim.recording.figure_style import MOST_POINTS, PAPER, legend, new_figure, png, styled
 from hexsim.recording.page import (
     EMPTY,
     Column,
@@ -150,7 +150,7 @@ def budget(trace: OwnTrace) -> Figure:
     plot.set_yticks(np.arange(len(rows)), [name[:40] for name, _ in rows])
     plot.invert_yaxis()
     sizes = [size for _, row in rows for size in row.values() if size > 0.0]
-    wide = bool(sizes) and max(sizes) > 10.0**WIDE * min(sizes)
+    wide = bool(sizes) and max(sizes) > 10.0**PAPER.wide * min(sizes)
     if wide:
         plot.set_xscale("log")
         plot.set_xlim(left=0.5 * min(sizes))

@@ -12,14 +12,14 @@ from matplotlib.patches import Patch
 
 from hexsim.declaration import Machine
 from hexsim.recording import palette
-from hexsim.recording.figure_style import MOST_POINTS, WIDTH_IN, legend_above, png, styled
+from hexsim.recording.figure_style import MOST_POINTS, PAPER, legend_above, png, styled
 from hexsim.recording.quantity import scale_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named, family, library
 from hexsim.tracing.dependence import CURVES, behind_low_pass, design, hats, knots_of, low_passed, ridge
 from hexsim.tracing.report.signals import NOISE_BAND, SIGNALS
 from hexsim.tracing.state import Trace, Violation
-from hexsim.tracing.steps.residuals import THIN, kept, signals_of, unexplained_of
+from hexsim.tracing.steps.residuals import CHANNEL, kept, signals_of, unexplained_of
 
 Array = np.ndarray
 NULL_BAND = "#E7EFF6"
@@ -69,7 +69,7 @@ def residual_points(result: Trace, line: Violation, machine: Machine, by: Explai
     balance, found = balance_named(line.name, line.machine), []
     for log in result.fit_problem.logs:
         own, v = signals_of(log, machine, line.where)
-        x = low_passed(own[by.signal], by.memory_s, log.rate / THIN) if by.memory_s else own[by.signal]
+        x = low_passed(own[by.signal], by.memory_s, log.rate / CHANNEL.thin) if by.memory_s else own[by.signal]
         found.append((x, balance.residual(log, machine)[line.place, kept(log)], v))
     x, r, v = zip(*found, strict=True)
     return np.concatenate(x), np.concatenate(r), np.concatenate(v)
@@ -89,7 +89,7 @@ def balances(result: Trace) -> bytes:
     """Residual of each balance against the signal that explains it, with the fitted curve; before and after."""
     lines = worst_of_each(result)
     models = {"before": None} | ({"after": result.fitted} if result.effects or result.learned else {})
-    figure = Figure(figsize=(WIDTH_IN, 0.6 + 2.1 * len(lines)), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 0.6 + 2.1 * len(lines)), layout="constrained")
     axes = figure.subplots(len(lines), len(models), squeeze=False)
     for row, line in zip(axes, lines, strict=True):
         by = explained_by(result, line)

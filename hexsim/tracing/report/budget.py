@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDE, WIDTH_IN, png, styled
+from hexsim.recording.figure_style import PAPER, png, styled
 from hexsim.recording.quantity import plain
 from hexsim.signals.channels import kind_of
 from hexsim.tracing.report.signals import SCALE, channel_words
@@ -46,7 +46,7 @@ def waterfall(result: Trace) -> bytes:
     shown = worst_of_kinds(result.budget)
     steps = list(dict.fromkeys(row["step"] for row in result.budget))
     rows = (len(shown) + 1) // 2
-    figure = Figure(figsize=(WIDTH_IN, rows * (1.1 + 0.27 * len(steps))), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, rows * (1.1 + 0.27 * len(steps))), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False)
     for plot, (run, channel) in zip(axes.ravel(), shown, strict=False):
         scale, unit = SCALE[kind_of(channel)][3:]
@@ -70,7 +70,7 @@ def waterfall(result: Trace) -> bytes:
             )  # fmt: skip
         plot.set_yticks(range(len(own)), steps if plot in axes[:, 0] else [""] * len(own))
         plot.invert_yaxis()
-        few = np.log10(high / low) > WIDE
+        few = np.log10(high / low) > PAPER.wide
         plot.xaxis.set_major_locator(LogLocator(subs=(1.0,) if few else (1.0, 2.0, 5.0), numticks=8))
         plot.xaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
         plot.xaxis.set_minor_formatter(NullFormatter())

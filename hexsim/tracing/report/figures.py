@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from hexsim.declaration import Machine
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, legend_above, plain_frequencies, plain_powers, png, styled
+from hexsim.recording.figure_style import PAPER, legend_above, plain_frequencies, plain_powers, png, styled
 from hexsim.recording.quantity import split_key
 from hexsim.recording.zoom import Curve, Panel
 from hexsim.signals.channels import channel_arrays, kind_of
@@ -20,13 +20,11 @@ from hexsim.tracing.held_out import banded
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.report.signals import NOISE_BAND, SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import Trace
-from hexsim.tracing.steps.residuals import THIN, signals_of
+from hexsim.tracing.steps.residuals import CHANNEL, signals_of
 
 Array = np.ndarray
-SPAN_S = 4.0  # [s] of the held-out run that the comparison shows
 MEASURED, MEASURED_WIDTH = "#9AA5B1", 3.0  # wide and pale, so that a model on it is seen
 COLOURS = {"declared": palette.DEVIATION, "refit": palette.MARK, "with_effect": palette.RESPONSE}
-BINS_A_DECADE = 30  # of a spectrum
 
 
 def labels_of(result: Trace) -> dict[str, str]:
@@ -58,11 +56,11 @@ def worst_channels(result: Trace, log: str) -> list[str]:
     return [name for _, name in best.values()]
 
 
-def shown_part(result: Trace) -> slice:
+def shown_part(result: Trace, span_s: float = 4.0) -> slice:
     """Samples of the first held-out run that are drawn over time."""
     log = result.validate_problem.logs[0]
     start = min(result.validate_problem.settle(0) + int(2.0 * log.rate), log.n // 2)
-    return slice(start, min(start + int(SPAN_S * log.rate), log.n))
+    return slice(start, min(start + int(span_s * log.rate), log.n))
 
 
 def model_lines(result: Trace) -> list[Line2D]:
@@ -84,7 +82,7 @@ def comparison(result: Trace, answers: Mapping[str, Log]) -> bytes:
     problem, part = result.validate_problem, shown_part(result)
     log, channels = problem.logs[0], worst_channels(result, problem.logs[0].name)
     time, shown = log.time[part], {name: channel_arrays(answer) for name, answer in answers.items()}
-    figure = Figure(figsize=(WIDTH_IN, 0.5 + 1.9 * len(channels)), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 0.5 + 1.9 * len(channels)), layout="constrained")
     axes = figure.subplots(len(channels), 2, squeeze=False, sharex=True)
     for (left, right), channel in zip(axes, channels, strict=True):
         name, scale, unit, rest_scale, rest_unit = SCALE[kind_of(channel)]
@@ -141,7 +139,7 @@ def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
     problem, log = result.validate_problem, result.validate_problem.logs[0]
     channels = worst_channels(result, log.name)
     rows = (len(channels) + 1) // 2
-    figure = Figure(figsize=(WIDTH_IN, 0.5 + 2.2 * rows), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 0.5 + 2.2 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False).ravel()
     for name, simulated in answers.items():
         answer = channel_arrays(simulated)
@@ -168,13 +166,13 @@ def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
     return png(figure)
 
 
-def density(x: Array, rate: float) -> tuple[Array, Array]:
+def density(x: Array, rate: float, bins_a_decade: int = 30) -> tuple[Array, Array]:
     """Power spectral density, Welch with windows of about 4 s, averaged over bins that are even in log(f)."""
     from scipy.signal import welch
 
     f, power = welch(x - x.mean(), rate, nperseg=min(int(4 * rate), len(x)))
     f, power = f[1:], power[1:]
-    bins = np.floor(BINS_A_DECADE * np.log10(f / f[0])).astype(int)
+    bins = np.floor(bins_a_decade * np.log10(f / f[0])).astype(int)
     _, place = np.unique(bins, return_inverse=True)
     count = np.bincount(place)
     return np.bincount(place, f) / count, np.bincount(place, power) / count
@@ -185,12 +183,12 @@ def portraits(result: Trace, answers: Mapping[str, Log]) -> bytes:
     """Phase portraits of the first held-out run: velocity over position, pressure over velocity, velocity over volts."""
     log, leg = result.validate_problem.logs[0], portrait_leg(result)
     part = shown_part(result)
-    shown = slice(part.start // THIN, part.stop // THIN)
+    shown = slice(part.start // CHANNEL.thin, part.stop // CHANNEL.thin)
     pairs = [("position_m", "velocity_m_s"), ("velocity_m_s", "pressure_bottom_Pa"), ("valve_V", "velocity_m_s")]
     measured, _ = signals_of(log, result.machine, leg)
     pairs = [pair for pair in pairs if all(name in measured for name in pair)]
     drawn = {name: signals_of(answer, result.machine, leg)[0] for name, answer in answers.items()}
-    figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 3.4), layout="constrained")
     for plot, pair in zip(figure.subplots(1, len(pairs), squeeze=False)[0], pairs, strict=True):
         (x_name, x_scale, x_unit), (y_name, y_scale, y_unit) = (SIGNALS[name] for name in pair)
         for own, color, width in [
@@ -217,7 +215,7 @@ def portrait_leg(result: Trace) -> str:
 def parameters(result: Trace) -> bytes:
     """Where each declared parameter ended inside its uncertainty."""
     entries = result.report["parameters"]
-    figure = Figure(figsize=(WIDTH_IN, 0.8 + 0.25 * len(entries)), layout="constrained")
+    figure = Figure(figsize=(PAPER.width_in, 0.8 + 0.25 * len(entries)), layout="constrained")
     plot = figure.subplots()
     for k, (prior, deviation) in enumerate(zip(result.final.priors, result.final.deviations, strict=True)):
         color = palette.DEVIATION if entries[prior.key]["at_bound"] else palette.RESPONSE

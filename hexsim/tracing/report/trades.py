@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, png, styled
+from hexsim.recording.figure_style import PAPER, png, styled
 from hexsim.recording.quantity import scale_of, split_key
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
@@ -21,7 +21,6 @@ CAPTION = (
     "Which numbers trade? Pairs with a correlation beyond 0.9: the runs know a combination of the two better than each. "
     "Inside: one standard error of both together, outside two."
 )
-ACROSS = 3  # panels a row
 
 
 def trades(fit: Fit, named: Sequence[str]) -> list[tuple[Number, Number, float]]:
@@ -54,12 +53,12 @@ def trade_entries(result: Trace) -> list[dict[str, Any]]:
 
 
 @styled
-def pairs(result: Trace) -> bytes:
-    """A panel a pair: the fitted point, and where both are with one and with two standard errors."""
-    shown = trades_of(result)[: 2 * ACROSS]
-    rows = -(-len(shown) // ACROSS)
-    figure = Figure(figsize=(WIDTH_IN, 0.2 + 2.7 * rows), layout="constrained")
-    axes = figure.subplots(rows, ACROSS, squeeze=False).ravel()
+def pairs(result: Trace, columns: int = 3) -> bytes:
+    """A panel a pair, of two rows at most: the fitted point, and where both are with one and with two standard errors."""
+    shown = trades_of(result)[: 2 * columns]
+    rows = -(-len(shown) // columns)
+    figure = Figure(figsize=(PAPER.width_in, 0.2 + 2.7 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     for plot, (one, other, r) in zip(axes, shown, strict=False):
         (x_unit, x_name), (y_unit, y_name) = (

@@ -8,6 +8,7 @@ pressures to which the model answers best there. So a log may begin in any trans
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,10 +30,19 @@ from hexsim.tracing.simulation import motion
 from hexsim.tracing.simulation.rig import Rig
 
 Array = np.ndarray
-REST_M = 2.0e-5  # [m] a log that begins this near its setpoint begins at rest
-SHOT_Pa = 1.0e3  # finite difference of a start pressure: ten times wider, the answer bends and the steps fall short
-CURVE = 6  # order of the curve that is no ringing, up to 30 Hz
-UNKNOWN_Pa = 1.0e6  # what a start pressure may be off by that is not measured
+
+
+class Starting(NamedTuple):
+    """Constants of the estimated start of a log."""
+
+    rest_m: float = 2.0e-5  # [m] a log that begins this near its setpoint begins at rest
+    # finite difference of a start pressure: ten times wider, the answer bends and the steps fall short
+    shot_Pa: float = 1.0e3
+    curve: int = 6  # order of the curve that is no ringing, up to 30 Hz
+    unknown_Pa: float = 1.0e6  # what a start pressure may be off by that is not measured
+
+
+STARTING = Starting()
 
 
 def start_of(log: Log, gain: Array, offset: Array) -> tuple[Array, Array]:
@@ -41,7 +51,7 @@ def start_of(log: Log, gain: Array, offset: Array) -> tuple[Array, Array]:
     gain, offset (n_legs,): of the position sensors, y_m = gain y + offset.
     """
     first = log.position[:, :2].mean(axis=1)
-    if log.setpoint is not None and np.all(np.abs(log.setpoint[:, 0] - first) < REST_M):
+    if log.setpoint is not None and np.all(np.abs(log.setpoint[:, 0] - first) < STARTING.rest_m):
         return (log.setpoint[:, 0] - offset) / gain, np.zeros(log.n_legs)
     head = max(int(HALF_WIDTH_S * log.rate), 4)
     speed, first = np.polyfit(log.time[:head] - log.time[0], log.position[:, :head].T, 1)
@@ -98,10 +108,10 @@ def ringing_Pa(log: Log, noise_Pa: float) -> Array:
     that is hardly more than noise. The start state is without it: of oil that rings no start tells the phase."""
     if log.pressure is None:
         return np.zeros(log.n_legs)
-    n = max(int(rules.SPREAD_S * log.rate), 2 * CURVE)
-    basis = np.vander(np.linspace(-1.0, 1.0, n), CURVE + 1)
+    n = max(int(rules.SPREAD_S * log.rate), 2 * STARTING.curve)
+    basis = np.vander(np.linspace(-1.0, 1.0, n), STARTING.curve + 1)
     first = log.pressure[:, :n].T
-    square = np.sum((first - basis @ np.linalg.lstsq(basis, first)[0]) ** 2, axis=0) / (n - CURVE - 1)
+    square = np.sum((first - basis @ np.linalg.lstsq(basis, first)[0]) ** 2, axis=0) / (n - STARTING.curve - 1)
     return np.where(square > rules.NEAR * noise_Pa**2, np.sqrt(np.maximum(square - noise_Pa**2, 0.0)), 0.0)
 
 
@@ -175,10 +185,10 @@ def shot(rig: Rig, inputs: loop.Inputs, state: Array, log: Log, noise: Mapping[s
 
     places = [motion.LEGS + i * motion.LEG_STATES + which for i in two for which in (motion.LEG_P1, motion.LEG_P2)]
     steps = np.zeros((len(places), len(state)))
-    steps[range(len(places)), places] = SHOT_Pa
+    steps[range(len(places)), places] = STARTING.shot_Pa
     both = "pressure_bottom" in shown and "pressure_top" in shown
-    open_Pa = rules.ERRORS * noise["pressure_bottom_Pa"] if both else UNKNOWN_Pa
-    weak, moved = (SHOT_Pa / open_Pa) ** 2 * np.eye(len(places)), np.zeros(len(places))
+    open_Pa = rules.ERRORS * noise["pressure_bottom_Pa"] if both else STARTING.unknown_Pa
+    weak, moved = (STARTING.shot_Pa / open_Pa) ** 2 * np.eye(len(places)), np.zeros(len(places))
     rest = off(state)
     columns = np.array([rest - off(state + step) for step in steps])
     if not np.isfinite(columns).all():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,18 @@ from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, UnexplainedResi
 from hexsim.tracing.steps.violations import rms_of
 
 Array = np.ndarray
-THIN = 5  # every fifth sample: the window is 40 samples wide
+
+
+class Channels(NamedTuple):
+    """How residuals of channels are taken."""
+
+    thin: int = 5  # every fifth sample: the window is 40 samples wide
+    late_samples: int = 2  # of a channel whose lateness is tried: beyond what a window hides
+    play_noise: tuple[float, float] = (7.0, 28.0)  # half widths of play in the position, in units of its noise
+
+
+CHANNEL = Channels()
+
 CHANNELS = {  # signal -> channel of the log
     "position_m": "position",
     "valve_V": "volts",
@@ -33,8 +45,6 @@ CHANNELS = {  # signal -> channel of the log
     "pressure_supply_Pa": "supply",
     "acceleration_m_s2": "acceleration",
 }
-LATE_SAMPLES = 2  # of a channel whose lateness is tried: beyond what a window hides
-PLAY_NOISE = (7.0, 28.0)  # half widths of play in the position, in units of its noise
 
 
 def signals_of(log: Log, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
@@ -59,13 +69,15 @@ def signals_of(log: Log, machine: Machine, place: str) -> tuple[dict[str, Array]
 
 def kept(log: Log) -> Array:
     """Samples of a log that count, thinned: their places. None of a window that sees a repaired stretch."""
-    places = np.arange(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), THIN)
+    places = np.arange(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), CHANNEL.thin)
     return places[log.whole(REACH_S, FILLED_WELL)[places]]
 
 
 def late(channel: Array) -> Array:
-    """A channel (..., n) that comes LATE_SAMPLES later."""
-    return np.concatenate([np.repeat(channel[..., :1], LATE_SAMPLES, axis=-1), channel[..., :-LATE_SAMPLES]], axis=-1)
+    """A channel (..., n) that comes late_samples later."""
+    return np.concatenate(
+        [np.repeat(channel[..., :1], CHANNEL.late_samples, axis=-1), channel[..., : -CHANNEL.late_samples]], axis=-1
+    )
 
 
 def with_play(position: Array, half_width: float, window: Window) -> Array:
@@ -87,7 +99,9 @@ def distortions(balance: Balance, log: Log, violation: Violation, residual: Arra
         values = getattr(log, channel)
         if values is not None:
             found[signal, "late"] = [change(**{channel: late(values)})]
-    found["position_m", "play"] = [change(position=with_play(log.position, k * noise, window)) for k in PLAY_NOISE]
+    found["position_m", "play"] = [
+        change(position=with_play(log.position, k * noise, window)) for k in CHANNEL.play_noise
+    ]
     return {key: np.stack(changes, axis=1) for key, changes in found.items()}
 
 
@@ -104,7 +118,7 @@ def unexplained_of(balance: Balance, violation: Violation, logs: Sequence[Log]) 
         velocities.append(v)
         for key, column in distortions(balance, log, violation, full).items():
             columns.setdefault(key, []).append(column)
-    found = dependence_of(residuals, signals, velocities, logs[0].rate / THIN, balance.signals, columns)
+    found = dependence_of(residuals, signals, velocities, logs[0].rate / CHANNEL.thin, balance.signals, columns)
     return UnexplainedResidual(violation=violation, balance=balance.reported_as(found.signal), dependence=found)
 
 

@@ -26,7 +26,7 @@ from hexsim.tracing.balances.platform import Platform, felt_by_load
 from hexsim.tracing.dependence import tone_of
 from hexsim.tracing.fitting.parameters import Candidate, candidates
 from hexsim.tracing.state import Step, Tell, Trace, Violation
-from hexsim.tracing.steps.residuals import THIN
+from hexsim.tracing.steps.residuals import CHANNEL
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
@@ -40,7 +40,7 @@ SLOW_M_S = 0.01  # below it a ripple is slower than that window
 
 def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
-    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), THIN) for log in logs]
+    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(REACH_S * log.rate), CHANNEL.thin) for log in logs]
     platform, force = Platform(), Force()
     high = _high_pressure(logs, keep) | _worn_place(machine, logs, keep) | _scale_ripple(machine, logs, keep)
     if all(platform.wants(log, machine) for log in logs):
@@ -54,7 +54,7 @@ def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str
         "flexible_payload": _payload_shape(
             logs, keep, [r[None] for r in residuals], [accelerations_of(g) for g in logs]
         ),
-        "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / THIN)[0]},
+        "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / CHANNEL.thin)[0]},
     }
 
 
