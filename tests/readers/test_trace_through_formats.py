@@ -65,7 +65,7 @@ def mcap(table: pl.DataFrame, path: Path) -> None:
 @pytest.mark.parametrize("write", [parquet, structs, mdf, mcap])
 @pytest.mark.parametrize("name, verdict", [("bench_none", "nothing missing"), ("bench_leakage", "explained")])
 def test_the_verdict_is_that_of_the_text(tmp_path, write: Callable[[pl.DataFrame, Path], None], name, verdict):
-    """Clean: nothing missing. With a leak: within 1 %."""
+    """Clean: nothing missing. With a leak: within 1 %, and its error is stated."""
     shutil.copy(DATA / name / "machine.toml", tmp_path)
     for run in RUNS:
         write(pl.read_csv(DATA / name / f"{run}.csv.gz"), tmp_path / run)
@@ -74,3 +74,4 @@ def test_the_verdict_is_that_of_the_text(tmp_path, write: Callable[[pl.DataFrame
     for effect in result.report["effects"]:
         assert effect["name"] == "leakage_supply_to_chamber"
         assert effect["parameters"]["conductance_m3_s_Pa"] == pytest.approx(1.8e-12, rel=1e-2)
+        assert 0.0 < effect["standard_error"]["conductance_m3_s_Pa"] < 1e-2 * 1.8e-12

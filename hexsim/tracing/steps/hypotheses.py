@@ -98,7 +98,7 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
         if not residual_at_noise_level(opening.misfit, share):
             return None
         whole = fitted_from((opening, rival), problem.with_input_uncertainty(opening.fitted_machine()))
-        return None if whole is None else start_fit_at(whole, problem)
+        return None if whole is None else replace(start_fit_at(whole, problem), covariance=whole.covariance)
     return fitted_from((opening, rival), problem)
 
 
