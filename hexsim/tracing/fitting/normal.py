@@ -65,11 +65,12 @@ def scores_of(columns: Sequence[Columns], misfit: Sequence[Array], problem: FitP
 def without_each(
     A: Array, columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float
 ) -> Array:
-    """Scores of blocks so few that each has drawn the fit towards itself: A (A - X'X)^-1 X'r, by which the fit moves without it,
-    as far as A moves it; times what Student's t of so few has beyond two standard errors, (n_blocks, k)."""
+    """Scores of blocks so few that each has drawn the fit towards itself (n_blocks, k): A (A - X'X)^-1 X'r is how far the fit
+    moves without it, as A moves it. Of blocks all alike that is n/(n - 1) times X'r. Times Student's t beyond two errors."""
     scale = 1.0 / np.sqrt(np.diag(A))
     moved = []
     for X, r in blocks_of(columns, misfit, problem, block_s):
         left = (A - X @ X.T) * scale[:, None] * scale
         moved.append(A @ (scale * (np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ (scale * (X @ r)))))
-    return np.array(moved) * (student.ppf(norm.cdf(2.0), len(moved) - 1) / 2.0)
+    t = student.ppf(norm.cdf(2.0), len(moved) - 1) / 2.0
+    return np.array(moved) * t * (1.0 - 1.0 / len(moved))
