@@ -6,6 +6,9 @@ import numpy as np
 
 from hexsim.compiled import compiled
 
+PITCHES_M = (2e-4, 1e-2)  # of a scale
+CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
+
 
 @compiled
 def rippled(y, amplitude, pitch, phase):
@@ -31,3 +34,18 @@ def unrippled(
         if np.max(np.abs(step)) < near_m:
             break
     return y
+
+
+def wave_along(places: np.ndarray, values: np.ndarray) -> tuple[float, float, float]:
+    """Pitch [m] and phase of the sine over the places (n,) [m] that takes most of values (n,); how far it stands out.
+
+    Sums over the places have one Fourier transform for all pitches. What stands out: the amplitude over the rms of all pitches'.
+    """
+    lines = np.fft.rfftfreq(CELLS, CELL_M)
+    among = (lines > 1.0 / PITCHES_M[1]) & (lines < 1.0 / PITCHES_M[0])
+    cells = np.clip(np.rint(places / CELL_M), 0, CELLS - 1).astype(int)
+    wave = np.fft.rfft(np.bincount(cells, weights=values, minlength=CELLS))[among]
+    power = np.abs(wave)
+    j = int(np.argmax(power))
+    level = float(power[j] / max(np.sqrt(np.mean(power**2)), 1e-300))
+    return float(1.0 / lines[among][j]), float(np.angle(1j * wave[j])), level  # of A sin: -i A/2 exp(i phase)

@@ -138,11 +138,8 @@ def on_machine(effect: Effect, machine: Machine, kind: str) -> tuple[float, Sign
                 found.append(
                     (rms(used(log, after - before)[place]) / size, balance, place, before[place], after[place])
                 )
-    home = "continuity" if effect.balance == "valve" else effect.balance
-    home = advice_of(effect.name).shown_in or home
-    own = [
-        one for one in found if one[1].name.startswith(home) and effect.balance != "sensor" and one[0] > rules.TELLABLE
-    ]
+    home = advice_of(effect.name).shown_in or {"valve": "continuity", "sensor": ""}.get(effect.balance, effect.balance)
+    own = [one for one in found if one[1].name.startswith(home) and one[0] > rules.TELLABLE]
     ratio, balance, place, before, after = max(own or found, key=lambda one: one[0])
     if ratio < rules.SLIGHT:
         return None

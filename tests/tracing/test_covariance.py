@@ -1,6 +1,7 @@
 """Errors of a refit hold the numbers where what is left is not white."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,3 +62,17 @@ def test_columns_in_parts_and_blocks_give_the_normal_equations_of_the_whole(monk
     A, b = normal.normal_equations([(X[:3], X[3:])], [r])
     assert pytest.approx(flat @ flat.T, rel=1e-12, abs=1e-12 * flat.size) == A
     assert b == pytest.approx(flat @ r.ravel(), rel=1e-12, abs=1e-12 * flat.size)
+
+
+def test_errors_of_few_blocks_hold_the_truth_as_often_as_they_say():
+    """Nine blocks of 2 s, each off by an offset of its own, 2000 times: the mean is within 2 errors in 95.4 % (chance 0.5 %)."""
+    n, rng, misfit_of = 9, np.random.default_rng(0), lambda offsets: np.repeat(offsets, 20)[None] - offsets.mean()
+    log = SimpleNamespace(time=np.arange(n * 20 + 1) * 0.1)
+    problem: Any = SimpleNamespace(logs=(log,))
+    columns = [[np.ones((1, 1, n * 20))]]
+    A = np.array([[float(n * 20)]])
+    held = []
+    for offsets in rng.standard_normal((2000, n)):
+        scores = normal.without_each(A, columns, [misfit_of(offsets)], problem, 2.0)
+        held.append(abs(offsets.mean()) < 2.0 * covariance.scattered(A, np.zeros(1), scores)[0, 0] ** 0.5)
+    assert np.mean(held) == pytest.approx(0.954, abs=0.015)

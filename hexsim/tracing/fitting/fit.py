@@ -2,8 +2,10 @@
 
     minimise  sum ((measured - simulated)/noise)^2 + sum (deviation/prior sd)^2,   deviations within their half width
 
-Columns are finite differences of whole simulations. Columns of declared parameters are kept between hypotheses (the
-shifts are small); those of effects are made anew in every step. Covariance: by the scatter of blocks, `covariance`.
+Columns are finite differences of whole simulations. A search takes long steps, which see past the oil's ringing; a fit that is
+stated takes each number's own standard deviation: over more of it a tone turns, and two numbers that trade look as if they
+could be told apart. Columns of declared parameters are kept between hypotheses (the shifts are small); those of effects are
+made anew in every step. Covariance: by the scatter of blocks, `covariance`.
 """
 
 from __future__ import annotations
@@ -48,7 +50,12 @@ class Fit:
     misfit: list[Array]
     covariance: Array | None = None  # of coordinates: deviations in half widths, then effect numbers
     columns: list[Array] | None = None  # of the declared parameters, a log: (n_priors, n_channels, n)
-    neighbours: list[Array] | None = None  # misfits of `effect_neighbours` while a refit runs
+    neighbours: tuple[list[Array], list[float]] | None = (
+        None  # misfits and steps of `effect_neighbours` while a refit runs
+    )
+    alone: Array | None = (
+        None  # standard deviation of each coordinate if all others were known, (k,): the length of its steps
+    )
 
     @property
     def reduced(self) -> float:
@@ -103,25 +110,24 @@ def start_fit(machine: Machine, priors: tuple[Prior, ...], problem: FitProblem) 
 
 def start_fit_at(rival: Fit, problem: FitProblem) -> Fit:
     """A fit where it stands, as another problem sees it."""
-    return evaluate(replace(rival, covariance=None, columns=None), problem)
+    return evaluate(replace(rival, covariance=None, columns=None, alone=None), problem)
 
 
 def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     """The fit with columns of its declared parameters about where it stands (per half width). share: of the usual step."""
     if not fit.priors:
         return replace(fit, columns=[np.zeros((0, *m.shape)) for m in fit.misfit])
-    machines, signs = [], []
+    alone = np.inf if fit.alone is None else fit.alone[: len(fit.priors)]
+    steps = np.where(fit.deviations > 0, -share, share) * np.minimum(alone, rules.LEAST_STEP)
+    machines = []
     for j, prior in enumerate(fit.priors):
-        sign = -1.0 if fit.deviations[j] > 0 else 1.0
         deviations = fit.deviations.copy()
-        deviations[j] += sign * share * rules.LEAST_STEP * prior.half_width
+        deviations[j] += steps[j] * prior.half_width
         machines.append(replace(fit, deviations=deviations).built())
-        signs.append(sign)
-    steps = np.array(signs)[:, None, None] * share * rules.LEAST_STEP
     columns = problem.misfit(machines)
     for base, own in zip(fit.misfit, columns, strict=True):  # in place: of a long log they are hundreds of megabytes
         np.subtract(base, own, out=own)
-        own /= steps
+        own /= steps[:, None, None]
     return replace(fit, columns=drop_diverged(columns))
 
 
@@ -129,14 +135,16 @@ def effect_neighbours(
     fit: Fit, share: float = 1.0, only: int | None = None
 ) -> tuple[list[Machine | None], list[float]]:
     """Machines with one effect number a small step off, and the steps in coordinates. only: of this effect."""
-    machines, steps = [], []
+    machines, steps, place = [], [], len(fit.priors) - 1
     for k, candidate in enumerate(fit.candidates):
-        if only is not None and k != only:
-            continue
         for parameter in candidate.free():
+            place += 1
+            if only is not None and k != only:
+                continue
             here = to_coordinate(parameter, fit.values[k][parameter.name])
             least = rules.LEAST_STEP if math.isinf(parameter.neutral) else 0.1 * rules.LEAST_STEP
             step = parameter.step_share * share * max(rules.LEAST_STEP * abs(here), least)
+            step = step if fit.alone is None else min(step, float(fit.alone[place]))
             if here + step > coordinate_bounds(parameter)[1]:
                 step = -step
             values = dict(fit.values[k])
@@ -149,8 +157,11 @@ def effect_neighbours(
 
 def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0, only: int | None = None) -> list[Array]:
     """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n)."""
-    machines, steps = effect_neighbours(fit, share, only)
-    varied = fit.neighbours or problem.misfit(machines)
+    if fit.neighbours is None:
+        machines, steps = effect_neighbours(fit, share, only)
+        varied = problem.misfit(machines)
+    else:
+        varied, steps = fit.neighbours
     return drop_diverged(
         [(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)]
     )
@@ -168,13 +179,16 @@ def with_effects(fit: Fit, candidates: Sequence[Candidate], size: float, problem
     """The fit with more effects, each begun at this coordinate, nothing refitted."""
     numbers = [candidate.effect.parameters[0] for candidate in candidates]
     values = (c.start() | {n.name: to_value(n, size)} for c, n in zip(candidates, numbers, strict=True))
-    return evaluate(replace(fit, candidates=(*fit.candidates, *candidates), values=(*fit.values, *values)), problem)
+    grown = replace(fit, candidates=(*fit.candidates, *candidates), values=(*fit.values, *values), alone=None)
+    return evaluate(grown, problem)
 
 
 def without_effect(fit: Fit, k: int) -> Fit:
     """The fit without its k-th effect, all else as it is."""
     candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
-    return replace(fit, candidates=candidates, values=values, covariance=None, columns=None, neighbours=None)
+    return replace(
+        fit, candidates=candidates, values=values, covariance=None, columns=None, neighbours=None, alone=None
+    )
 
 
 def prior_terms(fit: Fit) -> tuple[Array, Array]:
@@ -196,11 +210,16 @@ def refine(
     """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance`, or by less than the share
     `relative` of the excess; a step that promises less is not tried.
 
-    fresh: make the columns of the declared parameters anew where they have become poor, and before the last step.
+    fresh: make the columns of the declared parameters anew where they have become poor, and before the last step; such a fit
+    that nothing ends early is stated.
     worth: is a fit worth a step that promises so much, as the last one kept its promise?
     """
     if not fit.priors and not fit.candidates:
         return fit
+    if exact := fresh and worth is None and relative == 0.0:
+        fit = replace(
+            fit, columns=None, neighbours=None, alone=np.full(len(coordinates_of(fit)), 0.1 * rules.LEAST_STEP)
+        )
     fit = parameter_columns(fit, problem) if fit.columns is None else fit
     damping, age, trust = 0.0, 0, 1.0
     A, scores = np.zeros((0, 0)), np.zeros((0, 0))
@@ -225,6 +244,7 @@ def refine(
         stale = fresh and age > 0
         gain = 0.0 if better is None else _cost(fit) - _cost(better)
         fit, trust = better or fit, min(gain / max(first, 1e-300), 1.0)
+        fit = replace(fit, alone=np.maximum(np.diag(A), 1e-300) ** -0.5) if exact else fit
         if gain < least and not stale:
             break
         age += 1
@@ -288,7 +308,12 @@ def _step(fit: Fit, A: Array, b: Array, damping: float) -> tuple[Array, Array]:
     upper = np.maximum(upper, lower + 1e-12)
     solution = lsq_linear(root.T, target, bounds=(lower * scale, upper * scale), method="bvls", tol=1e-12)
     step = solution.x / scale
-    return here + step, step
+    there = here + step
+    for k, (prior, share) in enumerate(zip(fit.priors, 1.0 + fit.deviations, strict=True)):
+        if fit.alone is not None and prior.key == "bulk_modulus_Pa":  # it trades with other springs along its inverse
+            softer = max(1.0 - step[k] * prior.half_width / share, 0.5)
+            there[k] = np.clip((share / softer - 1.0) / prior.half_width, -1.0, 1.0)
+    return there, step
 
 
 def fit_at(fit: Fit, coordinates: Array) -> Fit:
@@ -310,6 +335,7 @@ def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
     trial = fit_at(fit, coordinates)
     if not trial.candidates or in_job() or len(problem.logs) >= N_CORES:
         return evaluate(trial, problem)
-    found = problem.misfit([trial.built(), *effect_neighbours(trial)[0]])
+    machines, steps = effect_neighbours(trial)
+    found = problem.misfit([trial.built(), *machines])
     misfit = [own[0] for own in found]
-    return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=[own[1:] for own in found])
+    return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=([own[1:] for own in found], steps))

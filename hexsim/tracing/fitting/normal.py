@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem
@@ -44,14 +46,31 @@ def fall_of(A: Array, b: Array, step: Array) -> float:
     return float(2.0 * step @ b - step @ A @ step)
 
 
-def scores_of(
-    columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float = rules.BLOCK_S
-) -> Array:
-    """g = X'r of every block, (n_blocks, k)."""
-    scores = []
+def blocks_of(
+    columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float
+) -> Iterator[tuple[Array, Array]]:
+    """X (k, .) and r (.,) of every block."""
     for parts, r, log in zip(columns, misfit, problem.logs, strict=True):
         count = max(int((log.time[-1] - log.time[0]) / block_s), 2)
         for places in np.array_split(np.arange(r.shape[1]), count):
             samples = slice(places[0], places[-1] + 1)
-            scores.append(rows_of(parts, samples) @ r[:, samples].ravel())
-    return np.array(scores)
+            yield rows_of(parts, samples), r[:, samples].ravel()
+
+
+def scores_of(columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem) -> Array:
+    """g = X'r of every block, (n_blocks, k)."""
+    return np.array([X @ r for X, r in blocks_of(columns, misfit, problem, rules.BLOCK_S)])
+
+
+def without_each(
+    A: Array, columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float
+) -> Array:
+    """Scores of blocks so few that each has drawn the fit towards itself (n_blocks, k): A (A - X'X)^-1 X'r is how far the fit
+    moves without it, as A moves it. Of blocks all alike that is n/(n - 1) times X'r. Times Student's t beyond two errors."""
+    scale = 1.0 / np.sqrt(np.diag(A))
+    moved = []
+    for X, r in blocks_of(columns, misfit, problem, block_s):
+        left = (A - X @ X.T) * scale[:, None] * scale
+        moved.append(A @ (scale * (np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ (scale * (X @ r)))))
+    t = student.ppf(norm.cdf(2.0), len(moved) - 1) / 2.0
+    return np.array(moved) * t * (1.0 - 1.0 / len(moved))

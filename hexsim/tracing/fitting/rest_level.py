@@ -30,7 +30,7 @@ from hexsim.tracing.fitting.fit import (
     fit_at,
     with_effects,
 )
-from hexsim.tracing.fitting.normal import fall_of, normal_equations, scores_of
+from hexsim.tracing.fitting.normal import fall_of, normal_equations, without_each
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, prior_precision
 from hexsim.tracing.problems.problem import FitProblem
@@ -214,8 +214,8 @@ def covariance_of(found: RestFit, problem: FitProblem) -> Array:
     fit, roots = found.fit, np.sqrt(row_weights(found.fit, problem))
     weighted = [roots[:, None] * r for r in fit.misfit]
     columns = [[roots[None, :, None] * X] for X in found.columns]
-    scores = scores_of(columns, weighted, problem, rules.REST_BLOCK_S)
-    return scattered(weighted_system(fit, found.columns, problem)[0], prior_precision(fit), scores)
+    A = weighted_system(fit, found.columns, problem)[0]
+    return scattered(A, prior_precision(fit), without_each(A, columns, weighted, problem, rules.REST_BLOCK_S))
 
 
 def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:

@@ -15,6 +15,7 @@ from hexsim.declaration import Machine
 from hexsim.mechanics.rigid_body import Suspension, pushed_back
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
+from hexsim.signals.ripple import wave_along
 from hexsim.signals.weak_form import WIDE_S, Window
 from hexsim.tracing import rules
 from hexsim.tracing.balances.balance import measured_point, resolved_machine, sensed_leg
@@ -32,8 +33,6 @@ from hexsim.tracing.steps.violations import own_machine
 Array = np.ndarray
 OCTAVES_Hz = (4.0, 8.0, 16.0, 32.0)  # of a payload's spring
 PLACES = 150  # along the stroke at which wear is looked for
-PITCHES_M = (2e-4, 1e-2)  # of a scale's ripple
-CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
 SEEN_FIRST = ("position_ripple",)  # without their shape they have no column
 SLOW_M_S = 0.01  # below it a ripple is slower than that window
 
@@ -102,29 +101,21 @@ def _worn_place(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> dic
 def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> dict[str, dict[str, float]]:
     """Pitch [m] and phase of the wave along the stroke in what the positions show beyond how the pistons moved.
 
-    That is the position less the integral of its velocity, under a window; its sums over the places of the stroke have one
-    Fourier transform for all pitches. Of several legs the one that stands out most; none where no pitch does.
+    That is the position less the integral of its velocity, under a window. Of several legs the one that stands out most;
+    none where no pitch does.
     """
     resolved, best = resolved_machine(machine), (0.0, {})
-    lines = np.fft.rfftfreq(CELLS, CELL_M)
-    among = (lines > 1.0 / PITCHES_M[1]) & (lines < 1.0 / PITCHES_M[0])
     for leg in range(machine.n_legs):
-        sums = np.zeros(CELLS)
+        places, values = [], []
         for log, k in zip(logs, keep, strict=True):
-            sensed = sensed_leg(log, resolved, leg)
-            own = slice(k.start, k.stop)
+            sensed, own = sensed_leg(log, resolved, leg), slice(k.start, k.stop)
             beyond = sensed.y - np.cumsum(sensed.v) / log.rate
             beyond = (beyond - Window(log.rate, WIDE_S).mean(beyond))[own]
-            weight = sensed.v[own] ** 2 / (sensed.v[own] ** 2 + SLOW_M_S**2)
-            cells = np.clip(np.rint(sensed.y[own] / CELL_M), 0, CELLS - 1).astype(int)
-            sums += np.bincount(cells, weights=weight * beyond, minlength=CELLS)
-        wave = np.where(among, np.fft.rfft(sums), 0.0)
-        power = np.abs(wave)
-        j = int(np.argmax(power))
-        level = float(power[j] / max(np.sqrt(np.mean(power[among] ** 2)), 1e-300))
+            places.append(sensed.y[own])
+            values.append(beyond * sensed.v[own] ** 2 / (sensed.v[own] ** 2 + SLOW_M_S**2))
+        pitch, phase, level = wave_along(np.concatenate(places), np.concatenate(values))
         if level > best[0]:
-            phase = float(np.angle(1j * wave[j]))  # of A sin: -i A/2 exp(i phase)
-            best = (level, {"pitch_m": float(1.0 / lines[j]), "phase_rad": phase})
+            best = (level, {"pitch_m": pitch, "phase_rad": phase})
     return {"position_ripple": best[1]} if best[0] > rules.CERTAIN else {}
 
 
