@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from hexsim import HexsimError, load_scenario
+from hexsim.foreign_fmu import ALLOWED
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import scenario_from_dict
@@ -260,7 +261,7 @@ def bad(tmp_path_factory):
 def test_what_an_fmu_does_to_itself_stays_its_own(bad, kind, late, tmp_path, monkeypatch, bench):
     """An FMU that hangs, spins, exits, crashes, takes all memory or gives a force outside physics, in its first step or
     later: one sentence, the log so far is kept, and neither a process nor a folder of it stays."""
-    monkeypatch.setattr("hexsim.foreign_fmu.STEP_s", 0.5)
+    monkeypatch.setattr("hexsim.foreign_fmu.ALLOWED", ALLOWED._replace(step_s=0.5))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setenv("BAD_KIND", kind)
     monkeypatch.setenv("BAD_FROM", "0.25" if late else "0")
