@@ -26,7 +26,7 @@ import numpy as np
 from numba import carray
 
 from . import compensator, volts_bound
-from .arithmetic import push
+from .arithmetic import next_noise, push
 from .compensator import Context, Parameters, Sample, Wrapped
 from .compiled import compiled
 from .desk import LEGS, SHARE, STEP, call_tick, doubles, integers, pointer, rows, truths
@@ -41,8 +41,6 @@ FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a
 # noises, rounding included, in a count: up to there a reading at rest repeats FROZEN_TICKS times in 0.02 % (erf(1.1/8^0.5)^10, 1.1 of
 # the noise without rounding)
 FINE = 1.05
-NOISE_STEP = 0.002  # of the running median of fourth differences, a reading: twice as large, or half, after 0.7 s
-MEDIAN = 0.6745 * 70.0**0.5  # of their size, over the noise
 FROZEN_TRAVEL_M = (
     1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
 )
@@ -286,11 +284,10 @@ def _frozen(reading, value, setpoint_m, coarse_m):
 
 @compiled
 def _learn_noise(reading, step):
-    """Of a reading that has changed by `step`: its count, and the running median of fourth differences, in which motion is small."""
+    """Of a reading that has changed by `step`: its count and its noise."""
     x = reading.values
     reading.count = min(reading.count, step)
-    off = abs(x[0] - 4.0 * x[1] + 6.0 * x[2] - 4.0 * x[3] + x[4])
-    reading.noise *= 1.0 + NOISE_STEP if off > MEDIAN * reading.noise else 1.0 - NOISE_STEP
+    reading.noise = next_noise(reading.noise, x[0], x[1], x[2], x[3], x[4])
 
 
 @compiled

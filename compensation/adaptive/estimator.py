@@ -13,6 +13,7 @@ from math import exp, log, sqrt, tanh
 
 import numpy as np
 
+from ..arithmetic import next_noise
 from ..compensator import MEASURED_TICKS
 from ..compiled import compiled
 from .fit import (
@@ -62,6 +63,7 @@ from .leg import (
 from .prior import LEGS_ALIKE, add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
+LAST_STAGE = len(HEATS) - 1
 MOST_STEPS = 8  # passes of a stage
 MOST_STEP = 1.0  # of a number at once, in its prior's standard deviations: farther the derivatives say nothing
 LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
@@ -85,7 +87,6 @@ BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
 # [m, Pa] of the model's steps and of straight volts within them: what is left where nothing else is
 STEP_ERROR = (1e-6, 2e3)
-NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known to 3 %, twice as large after 0.7 s
 FORGET_TICKS = 2000.0
 # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
 FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
@@ -114,8 +115,10 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
     past.volts[(past.ticks - 1) & (HISTORY - 1)] = volts_before
     past.ticks += 1
     if past.ticks > 8:
-        past.noise_m = _median_step(past.noise_m, past.position_m, k)
-        past.noise_Pa = _median_step(past.noise_Pa, past.bottom_Pa, k)
+        m, y, p = HISTORY - 1, past.position_m, past.bottom_Pa
+        i, j, n, o = (k - 1) & m, (k - 2) & m, (k - 3) & m, (k - 4) & m
+        past.noise_m = next_noise(past.noise_m, y[k], y[i], y[j], y[n], y[o])
+        past.noise_Pa = next_noise(past.noise_Pa, p[k], p[i], p[j], p[n], p[o])
 
 
 @compiled
@@ -125,16 +128,6 @@ def watch_legs(past, pose_m_s2, mobility, forces_N, speeds_m_s):
     past.pose_m_s2[k] = pose_m_s2
     for i in range(len(forces_N)):
         past.forces_N[k, i], past.speeds_m_s[k, i], past.mobility[k, i] = forces_N[i], speeds_m_s[i], mobility[i]
-
-
-@compiled
-def _median_step(noise, x, k):
-    """The noise after one more fourth difference: the median of its size is 0.6745 sqrt(70) times the noise."""
-    m = HISTORY - 1
-    d = abs(x[k] - 4.0 * x[(k - 1) & m] + 6.0 * x[(k - 2) & m] - 4.0 * x[(k - 3) & m] + x[(k - 4) & m]) / (
-        0.6745 * 8.3666
-    )
-    return noise * (1.0 + NOISE_STEP if d > noise else 1.0 - NOISE_STEP)
 
 
 @compiled
@@ -782,9 +775,9 @@ def _end_pass(s):
         for n in range(fit.count):
             s.windows[n].start[:] = trial.start[n]
             s.windows[n].chi[:] = trial.chi[n]
-            if fit.stage == len(HEATS) - 1 and not fit.trying:
+            if fit.stage == LAST_STAGE and not fit.trying:
                 s.windows[n].friction_N[:], s.windows[n].tells = trial.friction_N[n], 1
-        if fit.stage == len(HEATS) - 1 and not fresh and not fit.trying:
+        if fit.stage == LAST_STAGE and not fresh and not fit.trying:
             _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, fit.chi2)
             if is_known_leg(fit.chi2):  # otherwise not before it has settled
                 _keep_known(s)
@@ -800,7 +793,7 @@ def _end_stage(s):
     """The next stage, or what the last one has found."""
     fit = s.fit
     fit.step, fit.damping = 0, 1e-2
-    if fit.stage < len(HEATS) - 1:
+    if fit.stage < LAST_STAGE:
         fit.stage += 1
     else:
         _settle(s)
@@ -811,7 +804,7 @@ def is_calm(s):
     """Whether the inverse leaves more than the doubt does, and the windows are still those of the leg that is known."""
     fit, expected = s.fit, s.expected
     rows = fit.count * WINDOW * (3 if s.sheet[S_FOUR_WAY] != 0.0 else 2)
-    found = fit.stage == len(HEATS) - 1 and fit.best.cost < NOISE_MISFIT * rows
+    found = fit.stage == LAST_STAGE and fit.best.cost < NOISE_MISFIT * rows
     return found and s.linear == 1.0 and expected.sigma2 < expected.left2
 
 
@@ -844,7 +837,7 @@ def work(s):
                 if not _propose(s):
                     fit.damping = max(8.0 * fit.damping, 1e-3)
                     return
-                if fit.step > 1 and fit.gain < (LEAST_GAIN if fit.stage == len(HEATS) - 1 else STAGE_GAIN):
+                if fit.step > 1 and fit.gain < (LEAST_GAIN if fit.stage == LAST_STAGE else STAGE_GAIN):
                     _end_stage(s)
                     continue
                 _start_pass(s, fit.proposed, False)

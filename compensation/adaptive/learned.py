@@ -7,13 +7,12 @@ from typing import Any
 from ..compensator import Parameters
 from ..compiled import compiled
 from ..records import Record, record
-from .estimator import HEATS
+from .estimator import LAST_STAGE
 from .fit import N_COLUMNS, variances
 from .leg import COULOMB_DN, COULOMB_UP, HOLD, N_NUMBERS, NAMES, STATIC_DN, STATIC_UP
 from .prior import fill_prior, restore_prior
 
 N_FACTOR = N_NUMBERS * (N_NUMBERS + 1) // 2  # of a triangle
-LAST_STAGE = len(HEATS) - 1
 f = "f8"
 LEARNED = record(
     numbers=(f, (N_NUMBERS,)), scale=(f, (N_NUMBERS,)),  # sd of the fit's units

@@ -316,7 +316,7 @@ def test_a_drifting_null_is_followed() -> None:
 
 def test_the_four_edges_and_leaks_of_a_four_way_valve_are_its_own() -> None:
     """Overlaps that differ by 6 um from supply to tank edge and unlike leaks of both chambers, undeclared: a quarter of the bump is left
-    and no more reversals are worse than plain control's own. With one overlap for both edges of a direction the misfit is above 50."""
+    and no more reversals are worse than plain control's own. With one overlap for both edges of a direction nothing is known of it."""
     unlike = {
         "edge_skew_m": 3e-6,
         "leak_supply_1": 2e-13,
