@@ -137,6 +137,12 @@ def _speed(past, k, tick_s):
 
 
 @compiled
+def slowest_m_s(past, tick_s):
+    """Speed whose sign is certain: four standard deviations of one measured over half a span, and more."""
+    return 4.0 * past.noise_m / (HALF_SPAN * tick_s)
+
+
+@compiled
 def collect(s):
     """Takes a window where one is due. Returns whether it did."""
     past, settings, m = s.past, s.settings, HISTORY - 1
@@ -151,7 +157,7 @@ def collect(s):
     if now < past.begin + WINDOW + HALF_SPAN + 1:
         return False
     limit = min(FAST_m_s, FAST_SHARE * past.fastest_m_s)
-    if limit < 4.0 * past.noise_m / (HALF_SPAN * tick_s):
+    if limit < slowest_m_s(past, tick_s):
         past.begin += HALF_SPAN
         return False
     at = past.begin

@@ -6,7 +6,8 @@ volts              those that make the identified leg follow it (inverse.py), le
 engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE, sums over a platform's legs, and the misfit is no more
                    than KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e the
                    one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last
-                   half strokes, by what is known now; d what the model lacks. It leaves where b^2 + PERCEIVED^2 < e^2 + f^2 + d^2
+                   half strokes, by what is known now; d what the model lacks. It leaves where b^2 + PERCEIVED^2 < e^2 + f^2 + d^2,
+                   and a leg with start parameters stays by that rule from its first motion on
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
 """
@@ -19,7 +20,7 @@ from ..compiled import compiled
 from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
 from .damping import damping_rate_1_s, damping_V, design_damping, oil_stiffness, start_damping, watch_damping
-from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, watch, watch_legs, work
+from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import HALVES, MOST_DELAY, QUEUE
@@ -205,9 +206,9 @@ def _damp(s, bottom_Pa, top_Pa):
 
 @compiled
 def _in_motion(s):
-    """Whether the demanded motion is as fast as where windows begin: a steady state is near the leg's own."""
+    """Whether the demanded motion is as fast as where windows begin, and faster than noise: a steady state is near the leg's own."""
     speed = abs(s.reference.velocity_m_s[int(s.numbers[DELAY] / s.settings.tick_s)])
-    return speed > min(FAST_m_s, FAST_SHARE * s.past.fastest_m_s)
+    return speed > min(FAST_m_s, max(FAST_SHARE * s.past.fastest_m_s, slowest_m_s(s.past, s.settings.tick_s)))
 
 
 @compiled
@@ -320,6 +321,22 @@ def _lacking2(s):
     beyond = max(s.known.chi2[1] - 1.0, 0.0)
     per_Pa = s.sheet[S_A1] / (s.numbers[MASS] * s.sheet[S_OWN])
     return beyond * (s.fit.noise[1] * per_Pa) ** 2
+
+
+@compiled
+def _goes_on(s):
+    """Whether a leg goes on from an earlier run: in its first half stroke it stays as one that is engaged would."""
+    return s.fit.restored == 1 and s.expected.halves == 0
+
+
+@compiled
+def _stakes(s):
+    """Squares of the bump that plain control makes and of what would stand in its place [m2/s4]: of the last half strokes, or of what the
+    first one has shown so far where a leg goes on from an earlier run."""
+    e = s.expected
+    if _goes_on(s):
+        return e.bump * e.bump, e.sigma + e.left * e.left + _lacking2(s)
+    return e.bump2, e.sigma2 + e.left2 + _lacking2(s)
 
 
 @compiled
@@ -437,17 +454,19 @@ def tick_of(
     volts = _invert(s)
     _expect(s, volts, left, setpoint_m, forward_V)
     _doubt(s, s.past.ticks % HALVES)
-    knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
+    stays = s.share > 0.0 or _goes_on(s)
+    knows = s.known.changed == 0 if stays else is_known_leg(s.known.chi2)
     wants = False
     # half strokes: one each way, where neither an earlier run nor other legs tell
-    seen = 2 if s.share == 0.0 and not s.fit.restored and not s.platform else 1
-    if e.halves >= seen and knows:
-        bump2, doubt2, felt2 = e.bump2, e.sigma2 + e.left2 + _lacking2(s), PERCEIVED_m_s2**2 * max(settings.legs, 1)
+    seen = 1 if s.fit.restored or s.platform or s.share > 0.0 else 2
+    if knows and (e.halves >= seen or (_goes_on(s) and e.unsteady == 0)):
+        bump2, doubt2 = _stakes(s)
+        felt2 = PERCEIVED_m_s2**2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
         # what is not felt is no gain to come in for, and no harm to leave for
-        wants = bump2 + felt2 > doubt2 if s.share > 0.0 else bump2 > LEAST_SHARE * (bump2 + doubt2 + felt2)
+        wants = bump2 + felt2 > doubt2 if stays else bump2 > LEAST_SHARE * (bump2 + doubt2 + felt2)
     step = settings.tick_s / RAMP_S
     doubted = s.share == 0.0 and e.halves > 0 and knows and not wants
     s.probe.level = min(max(s.probe.level + (step if doubted else -step), 0.0), 1.0)
@@ -477,7 +496,6 @@ def tick_of(
 def hear_leg(s, other):
     """Legs of a platform engage together: one that is not known, or where all do not gain, keeps the others out."""
     hear_windows(s, other)
-    e = other.expected
-    s.said_bump2[other.settings.leg], s.said_doubt2[other.settings.leg] = e.bump2, e.sigma2 + e.left2 + _lacking2(other)
+    s.said_bump2[other.settings.leg], s.said_doubt2[other.settings.leg] = _stakes(other)
     if other.wants == 0:
         s.objected = QUIET_TICKS

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from leg_plant import AREA_BOTTOM, AREA_TOP, Leg, run, sine
+from scipy.signal import butter, sosfiltfilt
 
 import compensation
 from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_plain
@@ -372,6 +373,21 @@ def test_start_parameters_act_from_the_first_reversals(compensated) -> None:
     state = made.restore(Context(period_s=2.0), known)
     again = run(made, leg, duration_s=8.0, state=state, seed=5)
     assert again.peaks()[1:].max() < plain.peak(4.0, 10.0) / 3
+
+
+def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
+    """A slow motion whose first reversal comes after 1.3 s: started with what was learned, the leg is compensated from 0.6 s
+    on, and that reversal's bump is less than half of plain control's."""
+    made, leg, done, _ = compensated
+    slow, context, none = sine(0.05, 0.25), Context(period_s=4.0), compensation.create("none")
+    plain = run(none, leg, setpoint=slow, duration_s=3.0, seed=5)
+    again = run(
+        made, leg, setpoint=slow, duration_s=3.0, state=made.restore(context, made.parameters(done.state)), seed=5
+    )
+    band = butter(4, (4.0, 50.0), "bandpass", fs=1e4, output="sos")  # above a motion that fades in
+    bumps = [np.abs(sosfiltfilt(band, it.acceleration_m_s2)[8_000:25_000]).max() for it in (plain, again)]
+    assert again.added_V[300:1250].all()
+    assert bumps[1] < bumps[0] / 2, bumps
 
 
 VARIED = {
