@@ -19,6 +19,7 @@ FELT_HZ = 60.0  # corner of the low pass, of second order: above the band in whi
 # [m/s2, m/s, m, V]: two thirds of what is just perceived (step.PERCEIVED_m_s2); what is not felt; a narrow dead band from edge to edge
 WEIGHTS = (1e-2, 1e-3, 1e-4, 9e-2)
 TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
+LEAST_GAIN = 0.1  # of the cost, by a step: a third of the unit of one residual, 0.003 m/s2
 BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick
 LEAST_BLUNT_V = 2e-3  # where there is no dead band: a few steps of a 14-bit output of 10 V
 ROUGHEST = 2.0 / 3.0  # of the half dead band, as WEIGHTS[3]: a wide one is crossed in as many ticks as a narrow one
@@ -169,7 +170,7 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
     cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, S, w, path, inf)
     half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
     soft = max(BLUNT * half, LEAST_BLUNT_V)
-    for _ in range(TRIES):
+    for _ in range(TRIES if cost > LEAST_GAIN else 0):
         window_slope(path, U, before, th, sheet, split, supply, extra, soft, J, S, d_now, d_before, s, w)
         _normal(J, H)
         for a in range(AHEAD):
@@ -181,9 +182,13 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
                 total += J[i, a] * r[i] + J[AHEAD + i, a] * r[AHEAD + i] + J[2 * AHEAD + i, a] * r[2 * AHEAD + i]
                 total += J[3 * AHEAD + i, a] * r[3 * AHEAD + i]
             step[a] = total
-        better = False
+        better, promised = False, 0.0
         if cholesky(L, AHEAD):
             forward(L, AHEAD, step)
+            for a in range(AHEAD):
+                promised += step[a] * step[a]
+            if promised < LEAST_GAIN:
+                break
             backward(L, AHEAD, step)
             for share in SHARES:
                 for a in range(AHEAD):
@@ -195,7 +200,7 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
                     better = True
                     break
         if better:
-            done = cost - c2 < 1e-3 * cost
+            done = abs(promised - (cost - c2)) < LEAST_GAIN  # then little is left either
             cost = c2
             _take(U, r, path, U2, r2, path2)
             if done:
