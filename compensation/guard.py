@@ -27,13 +27,14 @@ from numba import carray
 
 from . import compensator, volts_bound
 from .arithmetic import next_noise, push
-from .compensator import Context, Parameters, Sample, Wrapped
+from .compensator import Compensator, Context, Parameters, Sample, Wrapped
 from .compiled import compiled
 from .desk import LEGS, SHARE, STEP, call_tick, doubles, integers, pointer, rows, truths
 from .knowledge import Knowledge
 from .learned_parameters import check_parameters
 from .legs import Legs, OneByOne, Together, stepper
 from .spool_model import set_spool_model
+from .started import Started
 from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, SPEED_MEMORY_S, USUAL_SPOOL_HZ
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
@@ -445,10 +446,6 @@ class Guarded(Wrapped):
             state.inner = self.inner.resume(state.context, self.inner.parameters(state.inner))
         return float(state.guards["output_V"][0]), state
 
-    def together(self, states: Sequence[GuardState]) -> GuardedLegs:
-        """What steps these legs in one call."""
-        return GuardedLegs(self, states)
-
     def parameters(self, state: GuardState) -> Parameters:
         return self.inner.parameters(state.inner)
 
@@ -482,6 +479,15 @@ class Guarded(Wrapped):
 
     def status(self, state: GuardState) -> str:
         return SENTENCES[state.reason] or self.inner.status(state.inner)
+
+
+def step_together(compensators: Sequence[Compensator], states: Sequence[GuardState]) -> GuardedLegs | None:
+    """What steps these legs in one call: None where they are not one algorithm behind guards. Start parameters are each leg's own."""
+    bare = [one.inner if isinstance(one, Started) else one for one in compensators]
+    guarded = bare[0] if bare else None
+    if not isinstance(guarded, Guarded) or any(other is not guarded and other != guarded for other in bare):
+        return None
+    return GuardedLegs(guarded, states)
 
 
 class GuardedLegs:

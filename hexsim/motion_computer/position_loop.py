@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from compensation import NO_LOAD, Compensator, Knowledge, preview_count
 from compensation.compensator import MEASURED_TICKS
-from compensation.guard import Guarded, GuardedLegs
+from compensation.guard import step_together
 from compensation.legs import Legs, tell
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
@@ -85,10 +85,7 @@ class PositionLoop:
         self.counts = np.array([min(count, self.preview) for count in self.previews], np.int64)
         declared = [(one.name, context) for one, context in made]
         self.alike = np.array([[own == other for other in declared] for own in declared])
-        one = self.compensators[0] if self.compensators else None
-        self.together: GuardedLegs | None = None
-        if isinstance(one, Guarded) and all(other is one for other in self.compensators):
-            self.together = one.together(self.states)
+        self.together = step_together(self.compensators, self.states)
         self.first_s = np.full(len(legs), np.nan)  # when each leg first engaged
 
     @property

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 import pytest
 
+import compensation
 from compensation import Compensator, Context, Sample, exact, guard, legs
 from compensation.adaptive import Adaptive
+from compensation.started import Started
 from hexsim import load_scenario
 from hexsim.machine import load_machine
+from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.simulation import simulate
 
@@ -23,13 +27,19 @@ def short(seconds: float):
     return replace(load_scenario("heave"), duration_s=seconds)
 
 
-def test_legs_together_are_legs_one_by_one(hexapod, monkeypatch):
-    """Six seconds of six legs that are compensated, at last without a position sensor: every column of the log and what was learned are
-    equal to the bit."""
+def test_legs_together_are_legs_one_by_one(hexapod, monkeypatch, tmp_path):
+    """Six seconds of six legs that are compensated, at last without a position sensor, and two that start with what these have learned:
+    every column of the log and what was learned are equal to the bit."""
     scenario = replace(short(6.0), faults=(LOST,))
     together = simulate(hexapod, scenario, compensator="adaptive", fast=True)
+    learned = tmp_path / "compensator.json"
+    learned.write_text(json.dumps({"compensator": "adaptive", "legs": together.compensator_parameters}))
+    restart = replace(short(2.0), faults=({**LOST, "time_s": 1.8},))
+    again = simulate(hexapod, restart, compensator=str(learned), fast=True)
     monkeypatch.setattr(guard, "stepper", legs.OneByOne)
     apart = simulate(hexapod, scenario, compensator="adaptive", fast=True)
+    assert again.log.equals(simulate(hexapod, restart, compensator=str(learned), fast=True).log)
+    assert again.log["compensation_1_V"].to_numpy().any()
     assert together.log.equals(apart.log)
     assert together.compensator_parameters == apart.compensator_parameters
     assert together.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy().any(axis=0).all()
@@ -117,6 +127,22 @@ def test_a_new_state_at_each_step_is_kept(hexapod):
     run = simulate(hexapod, short(0.5), compensator=guard.Guarded(Counting()), fast=True)
     counted = [leg["steps"] for leg in run.compensator_parameters]
     assert len(set(counted)) == 1 and abs(counted[0] - 250) <= 1
+
+
+def test_legs_with_start_parameters_of_their_own_are_stepped_together(hexapod):
+    """Six legs of one algorithm are one call, each with other start parameters or none; of two algorithms they are not."""
+    one, other = compensation.create("adaptive"), compensation.create("exact")
+    contexts = [compensator_context(hexapod, None, leg) for leg in range(1, 7)]
+    legs_of = {
+        "alike": [Started(one, one.parameters(one.start(context))) for context in contexts],
+        "one without": [one, *(Started(compensation.create("adaptive"), one.parameters(one.start(contexts[0]))),) * 5],
+        "unlike": [*[one] * 5, other],
+    }
+    found = {
+        what: guard.step_together(made, [c.start(x) for c, x in zip(made, contexts, strict=True)]) is not None
+        for what, made in legs_of.items()
+    }
+    assert found == {"alike": True, "one without": True, "unlike": False}
 
 
 @dataclass(frozen=True, kw_only=True)
