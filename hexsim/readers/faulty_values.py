@@ -64,10 +64,9 @@ def why_dead(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | Non
     x, time = group.signals[name][own], group.time[own]
     if len(own) < STAMPS.least:
         return f"{len(group.time) - len(own)} of {len(group.time)} values are missing"
-    steps = np.diff(time)
-    there = float(np.sum(steps[steps <= HOLE * periods(time)]))
-    if there < 0.5 * float(np.ptp(group.time)) and name not in group.steady:
-        return f"it is there for {there:.3g} of {np.ptp(group.time):.3g} s"
+    there, whole = covered(time), covered(group.time)  # a pause of the logger is nobody's
+    if there < 0.5 * whole and name not in group.steady:
+        return f"it is there for {there:.3g} of {whole:.3g} s"
     if group.foreign or is_held(name) or name in group.held:
         return None
     clipped = saturated(x)
@@ -78,6 +77,12 @@ def why_dead(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | Non
     if still == len(x) and name != "pressure_supply_Pa":  # an ideal supply may be constant
         return "it never changes"
     return f"it stands still in {still} of {len(x)} rows" if 0.9 * len(x) < still < len(x) else None
+
+
+def covered(time: np.ndarray) -> float:
+    """Time [s] between samples, without holes."""
+    steps = np.diff(time)
+    return float(np.sum(steps[steps <= HOLE * periods(time)]))
 
 
 def at_an_end(limit: float, x: np.ndarray, limits: Limits | None) -> bool:
