@@ -192,6 +192,18 @@ def test_a_sparse_table_holds_two_clocks(tmp_path):
     )
 
 
+def test_a_value_that_a_logger_repeats_is_no_sample(tmp_path):
+    """A pressure of 100 Hz in rows of 500 Hz, each value five times: between its samples a curve, no stairs, with their weight."""
+    table = pl.DataFrame({"time_s": T, "position_m": 1e-3 * TRUE["Pos"], "pressure_bottom_Pa": 1e5 * TRUE["p1"]})
+    every = pl.when(pl.int_range(pl.len()) % 5 == 2).then(pl.col("pressure_bottom_Pa")).forward_fill()
+    table.with_columns(every.alias("pressure_bottom_Pa"))[2:].write_csv(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
+    true = 1e5 * TRUE["p1"][2 : 2 + log.n]
+    assert log.columns["pressure_bottom_Pa"] == pytest.approx(true, rel=1e-4)
+    assert np.max(log.weight("pressure_bottom_Pa")[5:-5]) == pytest.approx(0.2)
+    assert any("every 5. row" in loss for loss in log.losses)
+
+
 def test_two_rates_in_one_file(tmp_path):
     """500 Hz, then 250 Hz: no sample is lost, the slower half weighs less."""
     keep = (np.arange(len(T)) < 750) | (np.arange(len(T)) % 2 == 0)
