@@ -113,6 +113,7 @@ def test_a_controller_that_is_more_than_a_gain_passes_in_silence(tmp_path):
         ("valve_V", 1e3, 0.0, "it looks like mV"),
         ("acceleration_m_s2", 1 / 9.80665, 0.0, "it looks like g"),
         ("acceleration_m_s2", -1.0, 0.0, "opposite sign"),
+        ("valve_V", -1.0, 0.0, "opposite sign of setpoint"),
     ],
 )
 def test_wrong_units_are_refused_and_guessed(bench, column, factor, offset, sentence):
