@@ -183,7 +183,9 @@ def controller(log: Log, machine: Machine) -> list[Finding]:
             error = log.columns[setpoint] - log.columns[position]
             gain = float(np.polyfit(error, u, 1)[0])
             if gain < 0.0 and (gain * np.std(error)) ** 2 > 0.5 * scale**2:  # most of it: so no loop holds a position
-                sign = f"column {valve} has the opposite sign of setpoint - position; give factor = -1 in a mapping file"
+                sign = (
+                    f"column {valve} has the opposite sign of setpoint - position; give factor = -1 in a mapping file"
+                )
                 found.append(refusal(channel=valve, description=sign, value=gain, unit="V/m"))
                 continue
             description = (
