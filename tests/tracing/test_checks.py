@@ -177,6 +177,13 @@ def test_swapped_pressures_are_refused(hexapod):
     assert any("pressures of legs 3 and 6 look swapped" in says for says in found)
 
 
+def test_supply_and_chamber_swapped_are_refused(bench):
+    """No chamber stays above the supply that feeds it: the refusal names both columns before a trace begins."""
+    supply, bottom = bench.columns["pressure_supply_Pa"], bench.columns["pressure_bottom_Pa"]
+    with pytest.raises(HexsimError, match="pressure_bottom_Pa is above pressure_supply_Pa for most of the time"):
+        checks.refuse_misleading(with_column(bench, pressure_supply_Pa=bottom, pressure_bottom_Pa=supply), MACHINE)
+
+
 def test_a_machine_at_rest_is_refused(tmp_path):
     other_plant.write_machine(tmp_path, 2, {}, runs=["rest"], duration_s=3.0)
     with pytest.raises(HexsimError, match="the machine stands still"):
