@@ -250,18 +250,6 @@ def test_a_variable_of_the_shell_that_is_not_set_is_no_default(tmp_path, monkeyp
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupted_run_ends_with_130_and_keeps_its_log(tmp_path):
-    """Ctrl-C within a run: the shell's own code, as docs/commands.md says, and the log so far."""
-    before = """
-import os
-from hexsim.cli import run
-run.fraction_of = lambda bar, name: lambda share: os.kill(os.getpid(), 2)
-"""
-    ended = command("run", "heave", *SHORT, *PLAIN, "--out", "run", cwd=tmp_path, before=before)
-    assert ended.returncode == 130 and "the log so far is in" in ended.stderr, ended.stderr
-    assert (tmp_path / "run-partial" / "log.parquet").exists()
-
-
 def test_without_stdout_a_command_works(tmp_path):
     """`>&-`, as a daemon or a program without a console calls it: code 0, and no traceback."""
     before = "import sys; sys.stdout = None"
