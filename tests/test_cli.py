@@ -365,8 +365,8 @@ def test_an_unwritable_folder_is_refused_before_the_run(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_keeps_its_log(tmp_path, number):
-    """Ctrl-C (SIGTERM, a closed terminal) in the middle: exit code 2, one sentence, a folder -partial whose log can be
-    read."""
+    """Ctrl-C (SIGTERM, a closed terminal) in the middle: exit code 130, as a shell gives it, one sentence, a folder -partial
+    whose log can be read."""
     arguments = ["run", "heave", *BENCH, "--duration", "2000", "--out", "run", "--no-recording", "--no-report"]
     with subprocess.Popen(
         [sys.executable, "-c", INTERRUPTIBLE, *arguments],
@@ -381,7 +381,7 @@ def test_an_interrupted_run_keeps_its_log(tmp_path, number):
         time.sleep(0.2)
         process.send_signal(number)
         _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 2
+    assert process.returncode == 130
     said = r"hexsim: interrupted by the user at t = \S+ s; the log so far is in \S*run-partial"
     assert re.fullmatch(said, stderr.strip().splitlines()[-1]), stderr  # before it: progress
     folder = tmp_path / "run-partial"

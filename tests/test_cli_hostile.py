@@ -165,7 +165,7 @@ def test_an_interrupted_qualification_says_so(tmp_path, monkeypatch):
 
     monkeypatch.setattr("hexsim.qualification.rig.simulate", lambda *args, **kwargs: Interrupted())
     result = CliRunner().invoke(app, ["qualify", "-m", "bench", "--quick", "--out", "q"])
-    assert result.exit_code == 2 and "interrupted by the user" in result.stderr and "survive" not in result.stderr
+    assert result.exit_code == 130 and "interrupted by the user" in result.stderr and "survive" not in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 
@@ -239,3 +239,52 @@ def test_estimates_are_above_what_runs_take():
     run = simulate(load_machine("bench"), load_scenario("heave", duration_s=2.0), fast=True)
     assert run.log.width <= resources.check_resources.__kwdefaults__["columns_a_leg"]
     resources.check_resources(load_machine("bench"), 2.0)
+
+
+@pytest.mark.parametrize("arguments", [("run", "heave", "-m", ""), ("trace", "."), ("list", "machines", "--out=")])
+def test_a_variable_of_the_shell_that_is_not_set_is_no_default(tmp_path, monkeypatch, arguments):
+    """An empty text in the place of a name is refused, with the word before it; nothing runs with another machine."""
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, [*arguments, *([] if arguments[-1] != "." else ["--fit", ""])])
+    assert result.exit_code == 2 and "a variable of the shell that is not set" in result.stderr, result.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_stdout_a_command_works(tmp_path):
+    """`>&-`, as a daemon or a program without a console calls it: code 0, and no traceback."""
+    before = "import sys; sys.stdout = None"
+    ended = command("list", "machines", cwd=tmp_path, before=before)
+    assert ended.returncode == 0 and ended.stderr == ""
+
+
+def test_a_log_is_written_whatever_the_locale(tmp_path):
+    """A folder with letters beyond the locale: libraries get an open file, not a name that they encode otherwise."""
+    environment = {**ENVIRONMENT, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    folder = tmp_path / "größe"
+    folder.mkdir()
+    for ending in ("parquet", "csv"):
+        ended = command(
+            "run", "heave", *SHORT, *PLAIN, "--out", ending, "--log-format", ending, cwd=folder, environment=environment
+        )
+        assert ended.returncode == 0, ended.stderr
+        assert (folder / ending / f"log.{ending}").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("serve", "--duration", "nan"), "--duration"),
+        (("serve", "-m", "bench", "--out", "file", "--duration", "0.01"), "it is a file"),
+        (("live", "heave", "--web", "--seconds", "-1"), "--duration"),
+        (("run", "heave", "--connect", "force_z_N=f"), "give --payload too"),
+        (("run", "heave", "-m", "utf16.toml"), "no text in UTF-8"),
+    ],
+)
+def test_what_cannot_be_done_is_said_before_the_work(tmp_path, monkeypatch, arguments, sentence):
+    """Code 2 and the cause at once: a session at the machine is not lost because it could not be written."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    (tmp_path / "utf16.toml").write_text("[machine]", encoding="utf-16")
+    monkeypatch.setattr("hexsim.simulation.serve.Server", None)
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2 and sentence in result.stderr, result.output

@@ -105,6 +105,13 @@ def test_bad_answers_are_refused_with_one_sentence(scored, answers):
     assert code == 2 and len(said.splitlines()) == 1 and "Traceback" not in said
 
 
+def test_a_misspelt_name_is_said(scored):
+    """It counts as wrong, and stderr names it: the score of a typing error is not taken for the method's."""
+    code, score, said = scored({"leg": [{"names": ["sprng"]}], "rough": [{"names": ["unknown"]}]})
+    assert code == 0 and score is not None
+    assert said.splitlines() == ["answers: sprng is no name of effects.json, and counts as wrong"]
+
+
 def test_cases_are_those_of_the_manifest(tmp_path):
     """200 cases with known names; the truth of every eighth, and the content of one leg that is made anew, have not changed."""
     make = module("make_cases")

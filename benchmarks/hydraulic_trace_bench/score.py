@@ -11,6 +11,7 @@ not in the list. where counts on hexapods, value is optional. README.md has the 
 import argparse
 import json
 import math
+import os
 import sys
 
 RIGHT, TIED, WRONG, SILENT = SCORES = ("right", "tied", "wrong", "silent")
@@ -187,7 +188,13 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     try:
         truths = read(options.truth)
-        result = table(truths, checked(read(options.answers), truths))
+        answers = checked(read(options.answers), truths)
+        result = table(truths, answers)
+        listed = os.path.join(os.path.dirname(os.path.abspath(__file__)), "effects.json")
+        if os.path.exists(listed):  # a slip of the pen costs a case: it is said
+            said = {name for findings in answers.values() for one in findings for name in one["names"]}
+            for name in sorted(said - {"unknown", *read(listed)}):
+                print(f"answers: {name} is no name of effects.json, and counts as wrong", file=sys.stderr)
         if options.json:
             with open(options.json, "w", encoding="utf-8") as file:
                 file.write(json.dumps(result, indent=1) + "\n")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
+import sys
 
 import typer
 
@@ -74,6 +76,9 @@ def _common(
 
 def main() -> None:
     """Entry point of the `hexsim` command."""
+    for name in ("stdout", "stderr"):  # closed (`>&-`), or a program without a console
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     # libraries make a million objects that stay: at Python's threshold of 700 looking through them takes a tenth of a run
     gc.set_threshold(100_000)
     atexit.register(gc.freeze)  # nor once more at the end of the process, a fifth of a second

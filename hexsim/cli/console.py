@@ -96,7 +96,9 @@ def progress_lines(bar: Progress) -> Iterator[None]:
         while not ended.wait(LINE_EVERY_s):
             tasks = [task for task in bar.tasks if not task.finished and task.description != COMPILING]
             if tasks:
-                _say_progress(progress_line(tasks[-1] if tasks[-1].total is None else tasks[0]))
+                compiles = any(task.visible for task in bar.tasks if task.description == COMPILING)
+                line = progress_line(tasks[-1] if tasks[-1].total is None else tasks[0])
+                _say_progress(f"{line}, {COMPILING}" if compiles else line)
 
     thread = threading.Thread(target=say_it, daemon=True)
     thread.start()

@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import sys
+from itertools import pairwise
 from typing import Any
 
 import typer
@@ -14,6 +15,7 @@ from typer.core import TyperGroup
 from hexsim.errors import HexsimError, shortened
 
 EXIT_CODE = 2  # of every refusal, as Click's own
+INTERRUPTED = 130  # as a shell gives it
 UsageError: Any = typer.BadParameter.__bases__[0]  # click's, which newer versions of Typer hold inside
 TAG = re.compile(r"(\\*)(\[[a-z#/@][^[]*?\])")  # what Rich takes for markup
 MOVED = {
@@ -42,18 +44,26 @@ class SentenceGroup(TyperGroup):
         """The command. An old name is refused with the new one."""
         if args and args[0] in MOVED:
             raise HexsimError(f"hexsim {args[0]} is now hexsim {MOVED[args[0]]}")
+        for before, text in pairwise(["hexsim", *args]):
+            if not text or (text.startswith("--") and text.endswith("=") and text.count("=") == 1):
+                raise HexsimError(
+                    f"after {before} stands {text or 'an empty text'}: a variable of the shell that is not set? "
+                    "give a value, or leave the option out"
+                )
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: typer.Context) -> Any:
         for stream in (sys.stdout, sys.stderr):  # a locale without a sign shows it as its code
             if hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+        code = EXIT_CODE
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
             return result
         except HexsimError as error:
             say(str(error))
+            code = INTERRUPTED if str(error).startswith("interrupted") else EXIT_CODE
         except UsageError as error:
             if "extra argument" in error.message and any(
                 word in sys.argv for word in ("--compensators", "-c", "--set")
@@ -64,6 +74,7 @@ class SentenceGroup(TyperGroup):
             raise
         except KeyboardInterrupt:
             say("interrupted by the user; nothing was kept")
+            code = INTERRUPTED
         except BrokenPipeError:  # the reader of our output went away, as `head` does
             _drop_output()
             raise typer.Exit(0) from None
@@ -82,7 +93,7 @@ class SentenceGroup(TyperGroup):
             ):  # of polars' Rust: no Exception, on a file whose bytes are not right
                 raise
             say(f"a file is damaged: {next(iter(str(error).splitlines()), '')}")
-        raise typer.Exit(EXIT_CODE)
+        raise typer.Exit(code)
 
 
 def _escape_help(command: Any) -> None:

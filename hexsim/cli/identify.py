@@ -10,7 +10,7 @@ import typer
 
 from hexsim.cli import options
 from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
-from hexsim.cli.errors import EXIT_CODE
+from hexsim.cli.errors import EXIT_CODE, INTERRUPTED
 from hexsim.cli.flown import PORT
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def identify(
         print_json(story.to_json())
     else:
         _tell(story, place)
-    if story.failed:
-        raise typer.Exit(EXIT_CODE)
+    if story.failed or story.interrupted:
+        raise typer.Exit(EXIT_CODE if story.failed else INTERRUPTED)
 
 
 def _said(show: Callable[[str, float], None], no_display: bool) -> Callable[[str, float], None]:

@@ -51,7 +51,7 @@ def live(
     amplitude: options.Amplitude = None,
     frequency: options.Frequency = None,
     settings: options.Set = None,
-    seconds: Annotated[float | None, typer.Option("--seconds", "--duration", help="End after this time (s).")] = None,
+    seconds: Annotated[float | None, options.EndAfter] = None,
     web: Annotated[bool, typer.Option("--web", help="A page for the browser, on this computer alone.")] = False,
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one if taken.")] = 8080,
     source: flown.Source = None,

@@ -69,6 +69,7 @@ CompensatorNames = Annotated[
 Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes (m, or degrees for rotations).")]
 Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes (Hz).")]
 Duration = Annotated[float | None, typer.Option(help="Simulated time (s).")]
+EndAfter = typer.Option("--duration", "--seconds", min=1e-3, max=1e9, help="End after this time (s); default: Ctrl-C.")
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the sensor noise; same seed, same log to the bit.")]
 Fast = Annotated[bool, typer.Option("--fast", help="Tendon model: the legs' inertia lumped into the platform.")]
 TimeStep = Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -134,8 +135,6 @@ def measure(
     strict: Strict = False,
 ) -> None:
     """The figures of `test motion` from a log: noise, turn-around, leg balance, perception, describing function."""
-    import math
-
     from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.qualification import Imu
     from hexsim.qualification import measure as run
@@ -182,9 +181,11 @@ def _three(text: str, option: str) -> tuple[float, float, float]:
     """Three numbers with commas between them."""
     try:
         x, y, z = (float(part) for part in text.split(","))
+        if math.isfinite(x + y + z):
+            return x, y, z
     except ValueError:
-        raise HexsimError(f"{option} {text!r}: three numbers are needed, as 0,0,0.15") from None
-    return x, y, z
+        pass
+    raise HexsimError(f"{option} {text!r}: three numbers are needed, as 0,0,0.15")
 
 
 def print_qualification(result: dict[str, Any], place: Path) -> None:

@@ -107,6 +107,8 @@ def run(
             allow_native=allow_native,
         )
     with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
+    if connect and not payload:
+        raise HexsimError("--connect names the signals of a payload's FMU: give --payload too")
     if mcap:
         from hexsim.recording.mcap import check_library
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +14,6 @@ from hexsim.cli.console import compiling_said, output, print_json, stop_when_sig
 from hexsim.errors import HexsimError, shortened
 
 if TYPE_CHECKING:
-    from hexsim.simulation import Run
     from hexsim.simulation.serve_status import Status
 
 LONGEST_LOG_S = 600.0  # that is kept in memory: 2 GB of a hexapod at 1 kHz at most
@@ -49,7 +49,7 @@ def serve(
         typer.Option(min=0.0, max=500.0, help="Latency given away so that less is predicted; default: the machine's."),
     ] = None,
     stream: options.StreamTo = None,
-    duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
+    duration: Annotated[float | None, options.EndAfter] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder to write at the end, as `run` does: the first 10 minutes."),
@@ -61,7 +61,9 @@ def serve(
     with_machine, what = options.prepare(
         scenario or "heave", options.Motion(machine=machine), allow_native=allow_native
     )
+    from hexsim.cli.run import keep
     from hexsim.cueing.washout import washout_of
+    from hexsim.files.run_folder import run_folder
     from hexsim.simulation.serve import HostInput, Server
 
     if washout != "classical" and not source:
@@ -79,7 +81,7 @@ def serve(
         washout=washout_of(washout),
     )
     looker = options.stream_of(stream)
-    with terminated_like_interrupted():
+    with run_folder(out) if out else nullcontext() as folder, terminated_like_interrupted():
         with compiling_said(tell):
             server = Server(
                 with_machine,
@@ -101,9 +103,12 @@ def serve(
             teller = Teller()
             status = server.run(duration, stop=stop, report=teller)
             teller.warn(status)
-    if out and server.record:
-        tell(f"stopped; writing {out} (Ctrl-C leaves it)")
-        write(server.record.run(), out)
+        if folder and server.record:
+            tell(f"stopped; writing {out} (Ctrl-C leaves it)")
+            place = keep(
+                server.record.run(), folder, lambda name: None, log_format="parquet", recording=True, report=True
+            )
+            tell(f"written to {place}")
     if json:
         print_json({"address": address, **asdict(status)})
     else:
@@ -136,16 +141,6 @@ def line_of(status: Status) -> str:
 def tell(text: str) -> None:
     """A line on stderr."""
     typer.echo(text, err=True)
-
-
-def write(run: Run, out: Path) -> None:
-    """The run's folder, as `hexsim run` leaves it."""
-    from hexsim.cli.run import keep
-    from hexsim.files.run_folder import run_folder
-
-    with run_folder(out) as folder:
-        place = keep(run, folder, lambda name: None, log_format="parquet", recording=True, report=True)
-    tell(f"written to {place}")
 
 
 def print_status(status: Status) -> None:

@@ -66,15 +66,11 @@ def interruptible(
     return result[0]
 
 
-def leave(
-    sentence: str,
-    *,
-    interrupted_code: int = 130,  # exit code, as a shell gives it
-) -> None:
+def leave(sentence: str) -> None:
     """End the process after an interrupt: threads that still simulate are not waited for."""
-    from hexsim.cli.errors import say
+    from hexsim.cli.errors import INTERRUPTED, say
 
     say(sentence)
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(interrupted_code)
+    os._exit(INTERRUPTED)

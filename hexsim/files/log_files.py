@@ -20,14 +20,15 @@ def write_log(log: pl.DataFrame, path: Path) -> None:
     path = Path(path)
     if not path.name.endswith(tuple(f".{ending}" for ending in FORMATS)):
         raise HexsimError(f"{path.name} is no log file: its name must end in .{', .'.join(FORMATS)}")
-    with written_whole(path) as temporary, library_errors(f"cannot write {path}, give another folder", OSError):
+    with (
+        library_errors(f"cannot write {path}, give another folder", OSError),
+        written_whole(path) as temporary,  # as an open file: a library may encode its name otherwise than the locale
+        gzip.open(temporary, "wb", compresslevel=5) if path.suffix == ".gz" else open(temporary, "wb") as file,
+    ):
         if path.suffix == ".parquet":
-            log.write_parquet(temporary, compression="zstd")
-        elif path.suffix == ".gz":
-            with gzip.open(temporary, "wb", compresslevel=5) as file:
-                log.write_csv(cast(IO[bytes], file))
+            log.write_parquet(cast(IO[bytes], file), compression="zstd")
         else:
-            log.write_csv(temporary)
+            log.write_csv(cast(IO[bytes], file))
 
 
 def read_log(path: Path) -> pl.DataFrame:

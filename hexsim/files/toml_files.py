@@ -37,6 +37,8 @@ def read_toml(
         return parse_toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise HexsimError(f"cannot read {path}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise HexsimError(f"{path} is no text in UTF-8: save it so in your editor") from None
     except ValueError as error:
         raise HexsimError(f"{path} is not valid TOML: {shortened(str(error), 400)}") from None
 

@@ -72,6 +72,8 @@ def measure(
     machine: that of the log; its geometry gives pose from legs. A simulated log that holds the truth is judged by it
     unless `imu` is given. Raises HexsimError where the log lacks setpoints or accelerations.
     """
+    if log.n_legs != machine.n_legs:
+        raise HexsimError(f"log {log.name} is of a {log.kind}, machine {machine.name} is a {machine.machine.kind}")
     motion, notes = motion_of(log, machine.mechanics, imu, machine.machine.gravity_m_s2)
     band = min(BANDWIDTH_Hz, (imu or Imu()).bandwidth_Hz, log.rate / samples_a_period)
     if band < BANDWIDTH_Hz:

@@ -8,6 +8,7 @@ from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import HOLE, ClockGroup, is_held, periods, runs
 from hexsim.readers.clocks import STAMPS
 from hexsim.readers.possible import Limits, impossible, marker
+from hexsim.signals.log import hold_of
 from hexsim.signals.table import places
 
 
@@ -22,6 +23,10 @@ def blank_bad_values(group: ClockGroup, possible: dict[str, Limits], markers: di
         blank(group, name, np.abs(x) > STAMPS.largest, "values beyond any measure")
         blank(group, name, np.isin(x, markers.get(name, [])), "markers of the mapping")
         say_missing(group, name)
+        slower = None if group.foreign or is_held(name) or name in group.held else hold_of(x)
+        if slower is not None:  # a channel of a slower rate, whose value the logger repeats: no samples of their own
+            x[np.arange(len(x)) % slower[0] != slower[1]] = np.nan
+            group.note(f"changes in every {slower[0]}. row alone: values between are repeated, no samples", name)
         own = group.own_samples(name)
         if not group.foreign and not is_held(name) and len(own) > STAMPS.least:
             blank(group, name, marks(x, own, marker(x[own])), "markers far from all other values")
@@ -64,10 +69,9 @@ def why_dead(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | Non
     x, time = group.signals[name][own], group.time[own]
     if len(own) < STAMPS.least:
         return f"{len(group.time) - len(own)} of {len(group.time)} values are missing"
-    steps = np.diff(time)
-    there = float(np.sum(steps[steps <= HOLE * periods(time)]))
-    if there < 0.5 * float(np.ptp(group.time)) and name not in group.steady:
-        return f"it is there for {there:.3g} of {np.ptp(group.time):.3g} s"
+    there, whole = covered(time), covered(group.time)  # a pause of the logger is nobody's
+    if there < 0.5 * whole and name not in group.steady:
+        return f"it is there for {there:.3g} of {whole:.3g} s"
     if group.foreign or is_held(name) or name in group.held:
         return None
     clipped = saturated(x)
@@ -78,6 +82,12 @@ def why_dead(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | Non
     if still == len(x) and name != "pressure_supply_Pa":  # an ideal supply may be constant
         return "it never changes"
     return f"it stands still in {still} of {len(x)} rows" if 0.9 * len(x) < still < len(x) else None
+
+
+def covered(time: np.ndarray) -> float:
+    """Time [s] between samples, without holes."""
+    steps = np.diff(time)
+    return float(np.sum(steps[steps <= HOLE * periods(time)]))
 
 
 def at_an_end(limit: float, x: np.ndarray, limits: Limits | None) -> bool:

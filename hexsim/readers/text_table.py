@@ -26,14 +26,31 @@ SEPARATORS = {"tab": "\t", ",": ",", ";": ";", "whitespace": " "}
 TRIED = ("\t", ";", ",", "|", " ")  # the earlier one of two that fit alike
 STEADY = 0.8  # share of cells of a column that are values, share of columns that a row of data has
 MISSING = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "#N/A", "-", "--")
-NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
-STAMP = re.compile(
-    r"(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]+)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?(Z|[+-]\d{2}:?\d{2})?"
+# thousands in groups: two marks of one kind, or one and another for the decimals, 3.376.369 or 3,376.5
+GROUPED = r"\d{1,3}(?P<mark>[.,'\xa0\u202f])\d{3}((?P=mark)\d{3}((?P=mark)\d{3})*|(?=[.,]\d))((?!(?P=mark))[.,]\d*)?"
+NUMBER = re.compile(
+    rf"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(inf|infinity|nan)|[+-]?{GROUPED}", re.IGNORECASE
 )
-FORMATS = tuple(
-    f"{day}{time}"
-    for day in ("%Y-%m-%d ", "%Y/%m/%d ", "%d.%m.%Y ", "%m/%d/%Y ", "%d/%m/%Y ", "%d-%m-%Y ", "%Y.%m.%d ")
-    for time in ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M")
+STAMP = re.compile(
+    r"(\d{1,4}[-/.](\d{1,2}|[A-Za-z]{3})[-/.]\d{1,4}[T ]+)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?"
+    r"(Z|[+-]\d{2}:?\d{2})?|\d{8}T\d{6}([.,]\d+)?Z?"
+)
+FORMATS = (
+    *(
+        f"{day}{time}"
+        for day in (
+            "%Y-%m-%d ",
+            "%Y/%m/%d ",
+            "%d.%m.%Y ",
+            "%m/%d/%Y ",
+            "%d/%m/%Y ",
+            "%d-%m-%Y ",
+            "%Y.%m.%d ",
+            "%d-%b-%Y ",
+        )
+        for time in ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M")
+    ),
+    "%Y%m%d %H%M%S%.f",
 )
 TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p")
 
@@ -41,14 +58,15 @@ TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p")
 @dataclass(kw_only=True)
 class Table:
     """header: names. first: line of the text, from 0, where the data begin. numbers: is a column one of numbers (False: of
-    texts or time stamps)? units: name -> unit of a row of units. preamble: lines before the names. paired_s: every other
-    column is the time of the one behind it, in this unit [s]; 0: one time for all."""
+    texts or time stamps)? group: mark between thousands. units: name -> unit of a row of units. preamble: lines before
+    the names. paired_s: every other column is the time of the one behind it, in this unit [s]; 0: one time for all."""
 
     separator: str
     header: list[str]
     first: int
     numbers: list[bool]
     decimal_comma: bool = False
+    group: str = ""
     units: dict[str, str] = field(default_factory=dict)
     preamble: list[str] = field(default_factory=list)
     paired_s: float = 0.0
@@ -214,7 +232,9 @@ class Shape:
         first = kept[begins] if begins < len(kept) else kept[-1] + 1
         cells = [row for row, ok in zip(self.rows, good, strict=True) if ok]
         numbers = [self.of_numbers([row[k] for row in cells if k < len(row)]) for k in range(len(header))]
-        comma = self.separator != "," and any("," in row[k] for row in cells for k in self.values if k < len(row))
+        values = [row[k].strip().strip('"') for row in cells for k in self.values if k < len(row)]
+        group = next((found["mark"] for value in values if (found := NUMBER.fullmatch(value)) and found["mark"]), "")
+        comma = (self.separator != "," or group == ".") and group != "," and any("," in value for value in values)
         before = [lines[i] for i in kept[:above]]
         if layout.columns is not None:
             before = [line for line, ok in zip(before, good, strict=False) if not ok]
@@ -224,6 +244,7 @@ class Shape:
             first=first,
             numbers=numbers,
             decimal_comma=comma,
+            group=group,
             units=units,
             preamble=before,
             paired_s=self.time_unit(begins) if paired is not None else 0.0,
@@ -282,7 +303,9 @@ def is_units(names: list[str]) -> bool:
 
 def seconds(texts: pl.Series) -> pl.Series | None:
     """Time stamps as text (n,) as seconds: dates from the first one on, times of day from midnight; None for other text."""
-    clean = texts.str.strip_chars().str.replace("T", " ").str.replace(r"(Z|[+-]\d{2}:?\d{2})$", "")
+    zone = texts.str.extract_groups(r":\d{2}\S* ?([+-]\d{2}):?(\d{2})$").struct.unnest().cast(pl.Float64)
+    east = zone.select(3600 * pl.nth(0) + 60 * pl.nth(1) * pl.nth(0).sign()).to_series().fill_null(0.0)  # [s]
+    clean = texts.str.strip_chars().str.replace(r"(\d)T(\d)", "$1 $2").str.replace(r"(Z|[+-]\d{2}:?\d{2})$", "")
     clean = clean.str.replace(r"(:\d{2}),(\d+)", "$1.$2").str.replace(r"(:\d{2}:\d{2}):(\d+)$", "$1.$2")
     some = clean.drop_nulls()
     some = some.filter(some.str.len_chars() > 0).head(50)
@@ -300,5 +323,5 @@ def seconds(texts: pl.Series) -> pl.Series | None:
             if time_of_day
             else stamps.drop_nulls()[0]
         )
-        return (stamps - first).dt.total_nanoseconds().cast(pl.Float64) * 1e-9
+        return (stamps - first).dt.total_nanoseconds().cast(pl.Float64) * 1e-9 - (east - east[0])
     return None

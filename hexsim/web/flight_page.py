@@ -110,6 +110,7 @@ class FlightPage(MachinePage):
         self._frame: tuple[float, str] | None = None
         panel.dock_left()
         panel.set_width(PANEL_PX)
+        panel.expand()  # on a phone, where it would be folded
 
     def _show(self, shown: FlightShown) -> None:
         axis = self.axis if self.axis in AXES else AXES[2]

@@ -53,6 +53,15 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
+# put into the page: viser's dark look where the browser wants one; on a phone the machine above its sheet, figures first in it
+SHEET = '.mantine-Paper-root[style*="max-height: 60%"]'
+HEAD = f"""<script>
+if (matchMedia("(prefers-color-scheme: dark)").matches) history.replaceState(null, "", "?darkMode");
+</script><style>@media (max-width: 36em) {{
+  {SHEET}, {SHEET} [style*="width: 20em"] {{ width: 100% !important; }} {SHEET} {{ max-height: 45% !important; }}
+  {SHEET} [style*="width: 20em"] > :last-child {{ display: flex; flex-direction: column; }}
+  {SHEET} [style*="grid-template-rows"] {{ order: 1; }} [style*="background-color"] > div:has(canvas) {{ height: 55% !important; }}
+}}</style>""".encode()
 
 
 class Gate:
@@ -91,9 +100,14 @@ class Gate:
             return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", headers, text)
         path, mark, query = request.path.partition("?")
         rest = path.removeprefix(f"/{self.token}") or "/"
+        request.headers.pop("Accept-Encoding", None)  # plain text, to be put into
         response = serve_file(connection, replace(request, path=rest + mark + query))
         if response is not None:
             response.headers.update(HEADERS)
+            if rest == "/" and response.body:
+                response.body = response.body.replace(b"<head>", b"<head>" + HEAD, 1)
+                del response.headers["Content-Length"]
+                response.headers["Content-Length"] = str(len(response.body))
         return response
 
     # messages

@@ -87,6 +87,7 @@ class Page(MachinePage):
         self._frame: tuple[float, float, str] | None = None
         panel.dock_left()
         panel.set_width(PANEL_PX)
+        panel.expand()  # on a phone, where it would be folded
 
     def _fit_motion(self) -> None:
         """Sliders of amplitude and frequency for the motion that is chosen, as its scenario says."""

@@ -95,6 +95,19 @@ TEXTS = {
         + "\n".join(rows([f"{x[8:10]}.{x[5:7]}.{x[:4]} {x[11:]}".replace(".", ".") for x in WALL], ";", ",")),
         mapping(),
     ),
+    "local time in the night of the change to summer time": (
+        HEAD
+        + "\n"
+        + "\n".join(
+            rows([f"2026-03-29T{'01:59' if t < 1 else '03:00'}:{(59 + t) % 60:09.6f}+0{1 + (t >= 1)}:00" for t in T])
+        ),
+        mapping(),
+    ),
+    "months by name": (
+        HEAD + "\n" + "\n".join(rows([f"29-Mar-2026 10:00:{t:09.6f}" for t in T])),
+        mapping(),
+    ),
+    "ISO 8601 without marks": (HEAD + "\n" + "\n".join(rows([f"20260329T1000{t:09.6f}" for t in T])), mapping()),
     "time of day over midnight": (HEAD + "\n" + "\n".join(rows([x[11:] for x in WALL])), mapping()),
     "counter of 32 bits in us": (
         HEAD + "\n" + "\n".join(rows([int(x) for x in (np.round(1e6 * T) + 4294000000) % 2**32])),
@@ -125,6 +138,37 @@ def test_texts(tmp_path, kind):
     hold(readers.read_log(tmp_path / "log.csv"))
 
 
+@pytest.mark.parametrize(
+    ("separator", "cell"),
+    [
+        (";", lambda x: f"{x:,.3f}".translate(str.maketrans(",.", ".,"))),
+        (",", lambda x: f'"{x:,.3f}"'),
+        (";", lambda x: f"{x:,.3f}"),
+        ("\t", lambda x: f"{x:,.3f}".replace(",", "'")),
+        (" ", lambda x: f"{x:.9E}".replace("E", "D")),
+    ],
+    ids=["German", "English in quotes", "English", "Swiss", "Fortran"],
+)
+def test_numbers_as_offices_write_them(tmp_path, separator, cell):
+    """Thousands in groups and Fortran's exponents: what is taken for a number is read as one."""
+    columns = {"time_us": 1e6 * T, "position_m": np.round(TRUE["Pos"], 3), "pressure_bottom_Pa": 1e5 * TRUE["p1"]}
+    lines = [separator.join(columns), *(separator.join(map(cell, row)) for row in zip(*columns.values(), strict=True))]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    log = readers.read_log(tmp_path / "log.csv")
+    assert (log.n, log.rate) == (len(T), 500.0)
+    for name in ("position_m", "pressure_bottom_Pa"):
+        assert log.columns[name] == pytest.approx(columns[name], rel=1e-8)
+
+
+def test_a_pause_longer_than_the_data_splits_the_run(tmp_path):
+    """A logger that stood still for 30 s of 33: two stretches, and the gap is said."""
+    lines = rows([f"{t + 30.0 * (t >= 1):.6f}" for t in T])
+    (tmp_path / "log.csv").write_text("\n".join([HEAD, *lines]))
+    (tmp_path / "mapping.toml").write_text(mapping())
+    parts = readers.read_stretches(tmp_path / "log.csv")
+    assert [part.n for part in parts] == [1000, 500] and "1 gaps" in "; ".join(parts[0].losses)
+
+
 def test_a_column_of_time_for_each_channel(tmp_path):
     """The pressure is sampled 0.7 ms later, by its own column: it comes back on the clock of the others."""
     late = 34.0 + 3.0 * np.sin(4.4 * (T + 0.0007) + 0.5)
@@ -146,6 +190,18 @@ def test_a_sparse_table_holds_two_clocks(tmp_path):
     assert log.rate == 500.0 and log.columns["pressure_bottom_Pa"] == pytest.approx(
         1e5 * TRUE["p1"][1 : log.n + 1], abs=0.5
     )
+
+
+def test_a_value_that_a_logger_repeats_is_no_sample(tmp_path):
+    """A pressure of 100 Hz in rows of 500 Hz, each value five times: between its samples a curve, no stairs, with their weight."""
+    table = pl.DataFrame({"time_s": T, "position_m": 1e-3 * TRUE["Pos"], "pressure_bottom_Pa": 1e5 * TRUE["p1"]})
+    every = pl.when(pl.int_range(pl.len()) % 5 == 2).then(pl.col("pressure_bottom_Pa")).forward_fill()
+    table.with_columns(every.alias("pressure_bottom_Pa"))[2:].write_csv(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
+    true = 1e5 * TRUE["p1"][2 : 2 + log.n]
+    assert log.columns["pressure_bottom_Pa"] == pytest.approx(true, rel=1e-4)
+    assert np.max(log.weight("pressure_bottom_Pa")[5:-5]) == pytest.approx(0.2)
+    assert any("every 5. row" in loss for loss in log.losses)
 
 
 def test_two_rates_in_one_file(tmp_path):

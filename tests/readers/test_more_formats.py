@@ -261,10 +261,10 @@ def test_damaged_files_are_a_sentence_or_a_log(tmp_path_factory, data, suffix):
             connection = bag.add_connection("/p", PRESSURE, typestore=store)
             for k in range(5):
                 bag.write(connection, k + 1, store.serialize_ros1(message(k + 1, 1.0, store), PRESSURE))
-    content = bytearray(path.read_bytes())
+    content, share = bytearray(path.read_bytes()), st.floats(0.0, 1.0)  # shares: its length varies with the date in it
     for _ in range(data.draw(st.integers(0, 6))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    path.write_bytes(content[: data.draw(st.integers(0, len(content)))] if data.draw(st.booleans()) else content)
+        content[int(data.draw(share) * (len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(content[: int(data.draw(share) * len(content))] if data.draw(st.booleans()) else content)
     try:
         raw = files.raw_log(path)
     except HexsimError as error:

@@ -113,6 +113,7 @@ def test_a_controller_that_is_more_than_a_gain_passes_in_silence(tmp_path):
         ("valve_V", 1e3, 0.0, "it looks like mV"),
         ("acceleration_m_s2", 1 / 9.80665, 0.0, "it looks like g"),
         ("acceleration_m_s2", -1.0, 0.0, "opposite sign"),
+        ("valve_V", -1.0, 0.0, "opposite sign of setpoint"),
     ],
 )
 def test_wrong_units_are_refused_and_guessed(bench, column, factor, offset, sentence):
@@ -174,6 +175,13 @@ def test_swapped_pressures_are_refused(hexapod):
         if finding.severity == "refuse"
     ]
     assert any("pressures of legs 3 and 6 look swapped" in says for says in found)
+
+
+def test_supply_and_chamber_swapped_are_refused(bench):
+    """No chamber stays above the supply that feeds it: the refusal names both columns before a trace begins."""
+    supply, bottom = bench.columns["pressure_supply_Pa"], bench.columns["pressure_bottom_Pa"]
+    with pytest.raises(HexsimError, match="pressure_bottom_Pa is above pressure_supply_Pa for most of the time"):
+        checks.refuse_misleading(with_column(bench, pressure_supply_Pa=bottom, pressure_bottom_Pa=supply), MACHINE)
 
 
 def test_a_machine_at_rest_is_refused(tmp_path):

@@ -55,3 +55,18 @@ def test_a_slider_changes_the_peak_to_what_a_run_says_and_nothing_leaves_the_com
     assert browser.wait_for_figures(page, "--set valve.overlap_m=2e-05") == pytest.approx(wide, rel=NOISE)
     hosts = {urlsplit(address.removeprefix("blob:")).hostname for address in page.asked_for}
     assert hosts == {"127.0.0.1"}
+
+
+def test_a_phone_in_the_dark_sees_the_machine_and_its_bump(page):
+    """390 x 844 px, a browser that asks for dark: dark ground, the figures without a touch, and half the height for the machine."""
+    page.emulate_media(color_scheme="dark")
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.reload()
+    peak = page.locator("#hexsim-peak")
+    peak.wait_for(state="visible")
+    page.wait_for_timeout(1000.0)  # the sheet unfolds
+    assert page.evaluate("document.documentElement.dataset.mantineColorScheme") == "dark"
+    place = peak.bounding_box()
+    assert 0.5 * 844 < place["y"] < 844 - place["height"]
+    view = page.locator("canvas").first.bounding_box()
+    assert view["height"] >= 0.5 * 844 and view["y"] + view["height"] <= place["y"]

@@ -193,7 +193,7 @@ class Cells:
         }
         try:
             table = pl.read_csv(text, schema_overrides=kinds, **options)
-            if table.width != len(self.header):
+            if table.width != len(self.header) or self.table.group:
                 raise pl.exceptions.ComputeError("other number of columns")
         except pl.exceptions.PolarsError:
             table = self.one_by_one(text.decode(), raw)
@@ -259,8 +259,11 @@ class Cells:
             if not self.table.numbers[i]:
                 columns[name] = column
                 continue
-            if self.separator != "," and column.str.contains(",", literal=True).any():
+            if self.table.group:
+                column = column.str.replace_all(self.table.group, "", literal=True)
+            if self.table.decimal_comma:
                 column = column.str.replace(",", ".", literal=True)
+            column = column.str.replace(r"^([-+.\d]+)[dD]([-+]?\d+)$", "${1}e$2")  # exponents of Fortran
             columns[name] = column.cast(pl.Float64, strict=False)
             wrong = (columns[name].is_null() & ~column.is_in(list(MISSING))).arg_true()
             failed[name] += [(first + int(place), column[place][:20]) for place in wrong]

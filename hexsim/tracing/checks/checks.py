@@ -180,7 +180,14 @@ def controller(log: Log, machine: Machine) -> list[Finding]:
         level = float(np.quantile(near, 0.9))
         scale = max(float(np.std(u)), 1e-9)
         if level > 0.1 * scale:
-            gain = float(np.polyfit(log.columns[setpoint] - log.columns[position], u, 1)[0])
+            error = log.columns[setpoint] - log.columns[position]
+            gain = float(np.polyfit(error, u, 1)[0])
+            if gain < 0.0 and (gain * np.std(error)) ** 2 > 0.5 * scale**2:  # most of it: so no loop holds a position
+                sign = (
+                    f"column {valve} has the opposite sign of setpoint - position; give factor = -1 in a mapping file"
+                )
+                found.append(refusal(channel=valve, description=sign, value=gain, unit="V/m"))
+                continue
             description = (
                 f"column {valve} is not the declared {K:g} V/m times (setpoint - position): slope {gain:.4g} V/m"
             )

@@ -37,8 +37,13 @@ def swapped_legs(log: Log) -> list[Finding]:
 
 
 def swapped_pressures(log: Log, machine: Machine) -> list[Finding]:
-    """Does each leg's pressure carry its own leg's load? Undecided where two legs are loaded alike (pure heave)."""
-    pressures = log.names("pressure_bottom")
+    """Is the supply above the chambers that it feeds, and does each leg's pressure carry its own leg's load? The latter is
+    undecided where two legs are loaded alike (pure heave)."""
+    pressures, supply = log.names("pressure_bottom"), log.columns.get("pressure_supply_Pa")
+    for name in pressures:
+        if supply is not None and name in log.columns and np.median(log.columns[name] - supply) > 0.0:
+            sentence = f"{name} is above pressure_supply_Pa for most of the time, which feeds it: they look swapped"
+            return [refusal(channel=name, description=sentence)]
     oil = oil_forces(log, machine)
     if log.n_legs < 2 or oil is None or not all(name in log.columns for name in accelerations_of(6)):
         return []
