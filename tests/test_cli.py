@@ -363,7 +363,7 @@ def test_an_unwritable_folder_is_refused_before_the_run(tmp_path, monkeypatch):
 # ---- what ends early -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_run_keeps_its_log(tmp_path, number):
     """Ctrl-C (SIGTERM, a closed terminal) in the middle: exit code 2, one sentence, a folder -partial whose log can be
     read."""
