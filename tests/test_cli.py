@@ -17,7 +17,7 @@ import typer
 from typer.testing import CliRunner
 
 import hexsim
-from hexsim.cli import SentenceGroup, app, errors
+from hexsim.cli import app, errors
 from hexsim.files import log_files
 from hexsim.machine import models_folder
 
@@ -436,7 +436,7 @@ def test_brackets_in_help_texts_are_shown():
     runner = CliRunner()
     assert "[uncertainty]" in runner.invoke(app, ["sweep", "--help"], env={"COLUMNS": "200"}).output
 
-    probe = typer.Typer(cls=SentenceGroup, rich_markup_mode="rich")
+    probe = typer.Typer(cls=app.info.cls, rich_markup_mode="rich")
 
     @probe.callback()
     def group() -> None:

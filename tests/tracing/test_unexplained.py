@@ -32,7 +32,7 @@ from hexsim.tracing.steps.residuals import unexplained_residuals
 def test_what_a_rest_depends_on(tmp_path, monkeypatch, effect, balance, signal, form):
     """The worst balance, its signal and the form: play of a sensor, a late valve, a memory, impacts (only their size), a gain."""
     monkeypatch.setattr(rules, "NULL_SEEDS", 3)
-    write_machine(tmp_path, 12, {effect: None}, "bench", duration_s=12.0)
+    write_machine(tmp_path, 12, {effect: None}, "bench", duration_s=20.0)
     machine = load_machine(tmp_path)
     logs, _ = trace_logs.read_runs(Path(tmp_path), ["fit", "sweep"], machine)
     problem = SimulatedProblem(logs=tuple(logs), noise=channels.noise_of(machine, logs))
