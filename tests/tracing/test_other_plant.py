@@ -40,7 +40,9 @@ def plant_of(folder: Path) -> other_plant.Plant:
         ("bench_hysteresis", {"valve_hysteresis": 0.04}),
     ],
 )
-@pytest.mark.parametrize("run", ["fit", "sweep", "validate"])
+@pytest.mark.parametrize(
+    "run", ["fit", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sweep", "validate"))]
+)
 def test_measured_bench_is_reproduced_to_its_sensor_noise(name, effects, run):
     """With the true parameters the difference to the measured log is white noise as declared: within 3 %, mean zero.
 
