@@ -410,6 +410,7 @@ def test_a_leg_that_is_not_found_is_left_alone() -> None:
     assert result.share < 0.5 or "misfit chi2" in done.reason
 
 
+@pytest.mark.slow
 def test_legs_of_a_platform_engage_together_and_leave_a_quarter() -> None:
     """The 600 kg hexapod with its spool at 90 Hz and damping 0.5, declared, in heave: all six legs engage at one time, and the reversals
     of the 11th and 12th second are at most a quarter of plain control's."""
