@@ -21,7 +21,7 @@ from rich.table import Table
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "tracing"))
 BOYLE = "air = air_fraction * ATMOSPHERE / absolute\n"
-ADIABATIC = "air = air_fraction * (ATMOSPHERE / absolute) ** (1.0 / AIR_EXPONENT)\n"
+ADIABATIC = "air = air_fraction * (ATMOSPHERE / absolute) ** (1.0 / 1.4)\n"
 TRACE = """
 import json, sys
 import hexsim as hx

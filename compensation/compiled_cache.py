@@ -19,8 +19,6 @@ from numba import config
 from numba.core import caching, sigutils
 from numba.core.ccallback import CFunc
 
-DIGEST_BYTES = 32  # of SHA-256
-
 
 class CheckedFiles(caching.IndexDataCacheFile):
     """Index and data files of one function; what is not whole counts as absent."""
@@ -37,7 +35,8 @@ class CheckedFiles(caching.IndexDataCacheFile):
 
     def _load_data(self, name: str) -> Any:
         content = Path(self._data_path(name)).read_bytes()
-        if hashlib.sha256(content[:-DIGEST_BYTES]).digest() != content[-DIGEST_BYTES:]:
+        code, digest = content[: -hashlib.sha256().digest_size], content[-hashlib.sha256().digest_size :]
+        if hashlib.sha256(code).digest() != digest:
             raise OSError(f"{name} was cut short or changed")  # numba's own sign of an absent file
         return super()._load_data(name)
 

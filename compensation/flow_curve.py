@@ -12,23 +12,12 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import NamedTuple
 
 DISCHARGE_COEFFICIENT = math.pi / (math.pi + 2)  # report appendix A
 
 
-class ReportValve(NamedTuple):
-    """The report's valve, appendix A and Eq. 3.11."""
-
-    oil_density_kg_m3: float = 860.0  # appendix A
-    travel_m_V: float = 1.1e-3 / 10.0  # appendix A
-    spool_diameter_m: float = 0.01  # appendix A
-    quadratic_gain: float = 300.0  # [m2/m2] Eq. 3.11
-
-
-REPORT_VALVE = ReportValve()
-
 AREA_BOTTOM_M2 = math.pi / 4 * 0.04**2  # report appendix A
+TRAVEL_m_V = 1.1e-3 / 10.0  # of the spool, report appendix A
 
 
 @dataclass(frozen=True)
@@ -70,8 +59,8 @@ def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> floa
 
 def overlap_curve(overlap_m: float = 5e-6, pressure_drop_Pa: float = 3.5e6, voltage_max_V: float = 10.0) -> FlowCurve:
     """Curve of the report's valve with a(x) = pi d (x - O_l) (Eq. 3.3) at one pressure drop."""
-    dead = overlap_m / REPORT_VALVE.travel_m_V
-    gain = math.pi * REPORT_VALVE.spool_diameter_m * REPORT_VALVE.travel_m_V * _speed(pressure_drop_Pa)
+    dead, spool_diameter_m = overlap_m / TRAVEL_m_V, 0.01  # report appendix A
+    gain = math.pi * spool_diameter_m * TRAVEL_m_V * _speed(pressure_drop_Pa)
     end = gain * (voltage_max_V - dead)
     if dead == 0.0:
         return FlowCurve((-voltage_max_V, voltage_max_V), (-end, end))
@@ -80,12 +69,12 @@ def overlap_curve(overlap_m: float = 5e-6, pressure_drop_Pa: float = 3.5e6, volt
 
 def quadratic_curve(pressure_drop_Pa: float = 3.5e6, voltage_max_V: float = 10.0, knots: int = 401) -> FlowCurve:
     """Curve of the report's smooth valve, a(x) = 300 x^2 (Eq. 3.11, 5.1), knots dense around zero."""
-    gain = REPORT_VALVE.quadratic_gain * REPORT_VALVE.travel_m_V**2 * _speed(pressure_drop_Pa)
+    gain = 300.0 * TRAVEL_m_V**2 * _speed(pressure_drop_Pa)
     half = [voltage_max_V * (i / (knots // 2)) ** 2 for i in range(knots // 2 + 1)]
     volts = [-u for u in reversed(half[1:])] + half
     return FlowCurve(tuple(volts), tuple(math.copysign(gain * u * u, u) for u in volts))
 
 
-def _speed(pressure_drop_Pa: float) -> float:
-    """Piston velocity [m/s] per flow area [m2]."""
-    return DISCHARGE_COEFFICIENT * math.sqrt(2 * pressure_drop_Pa / REPORT_VALVE.oil_density_kg_m3) / AREA_BOTTOM_M2
+def _speed(pressure_drop_Pa: float, oil_density_kg_m3: float = 860.0) -> float:
+    """Piston velocity [m/s] per flow area [m2]; the density of report appendix A."""
+    return DISCHARGE_COEFFICIENT * math.sqrt(2 * pressure_drop_Pa / oil_density_kg_m3) / AREA_BOTTOM_M2

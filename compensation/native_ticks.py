@@ -31,9 +31,6 @@ def put_on(desk: Desk, legs: Together) -> int:
     return int(native().address)
 
 
-LOOKS = MAX_LOOK - PREVIEW_TICKS + 1  # of `prediction_table`
-
-
 @cache
 def adaptive_tick() -> Any:
     """`tick_legs`, `share_legs`."""
@@ -45,7 +42,7 @@ def adaptive_tick() -> Any:
         if what == SHARE:
             share_legs(states, acts, carray(pointer(d.alike), (n, n), np.bool_))
             return
-        table = carray(pointer(d.table), (LOOKS, PAST, 3 * PREDICTORS), np.float64)
+        table = carray(pointer(d.table), (MAX_LOOK - PREVIEW_TICKS + 1, PAST, 3 * PREDICTORS), np.float64)
         tick_legs(
             states, acts, table, rows(d.preview_m, n, d.most), integers(d.counts, n), rows(d.loads_m_s2, n, d.loads),
             doubles(d.pose_m_s2, n), rows(d.mobility, n, d.mobilities), doubles(d.forces_N, d.feels), doubles(d.speeds_m_s, d.feels),

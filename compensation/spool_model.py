@@ -6,19 +6,18 @@ import math
 
 from .compiled import compiled
 
-NEARLY_CRITICAL = 1e-6  # of 1 - zeta^2, within which it is taken as 0: 1e-6 (w t)^2/6 is off
-
 
 @compiled
 def free_motion(damping, omega_1_s, t_s):
     """c and s of x'' + 2 zeta w x' + w^2 x = 0 after a time: c = exp(-zeta w t) cos(w_d t), s = exp(-zeta w t) sin(w_d t)/w_d [s],
     w_d = w sqrt(1 - zeta^2); beyond critical damping the same with cosh and sinh."""
     decay, square = damping * omega_1_s, 1.0 - damping * damping
-    if square > NEARLY_CRITICAL:
+    nearly_critical = 1e-6  # within which 1 - zeta^2 is taken as 0: 1e-6 (w t)^2/6 is off
+    if square > nearly_critical:
         wd = omega_1_s * math.sqrt(square)
         size = math.exp(-decay * t_s)
         return size * math.cos(wd * t_s), size * math.sin(wd * t_s) / wd
-    if square > -NEARLY_CRITICAL:
+    if square > -nearly_critical:
         size = math.exp(-decay * t_s)
         return size, size * t_s
     wd = omega_1_s * math.sqrt(-square)

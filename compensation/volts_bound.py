@@ -14,11 +14,6 @@ from __future__ import annotations
 
 EDGE_MARGIN = 4.0  # an overlap four times as wide as declared is still compensated: worn, or mounted 15 um off
 GAIN_MARGIN = 2.0  # on the flow gain: a quarter of the reference drop is left, or half of the discharge coefficient
-SPEED_MEMORY_S = (
-    0.5  # time constant with which the largest speed is forgotten: a reference lags plain control's 0.1 to 0.2 s
-)
-LEAD_S = 2e-3  # shortest time in which a spool is moved across an overlap
-FRICTION_S = 3e-3  # shortest time in which friction's pressure step is given
 USUAL_SPOOL_HZ = 60.0  # where none is declared
 
 
@@ -31,14 +26,16 @@ def edge_V(
     friction_Pa: float,
     compliance_m_Pa: float,
     velocity_gain_m_s_V: float,
+    friction_s: float = 3e-3,  # shortest time in which friction's pressure step is given
 ) -> float:
     """e [V]. overlap_V, rounding_V: the widest of the edges; hysteresis_V: half its width; leak_m_s: of the piston; friction_Pa: the
     step of the load pressure at a reversal; compliance_m_Pa: of the oil at mid-stroke; velocity_gain_m_s_V: k."""
-    oil_m_s = leak_m_s + compliance_m_Pa * friction_Pa / FRICTION_S
+    oil_m_s = leak_m_s + compliance_m_Pa * friction_Pa / friction_s
     return overlap_V + rounding_V + hysteresis_V + abs(null_V) + oil_m_s / velocity_gain_m_s_V
 
 
 def lead_gain(frequency_Hz: float, damping: float) -> float:
     """Largest volts over the spool that they move, of a spool with this data sheet; 0 Hz: not declared."""
-    turn = 2.0 * 3.141592653589793 * (frequency_Hz or USUAL_SPOOL_HZ) * LEAD_S
+    shortest_s = 2e-3  # in which a spool is moved across an overlap
+    turn = 2.0 * 3.141592653589793 * (frequency_Hz or USUAL_SPOOL_HZ) * shortest_s
     return 1.0 + 2.0 * (2.0 * damping / turn + 1.0 / (turn * turn))

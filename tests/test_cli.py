@@ -17,7 +17,7 @@ import typer
 from typer.testing import CliRunner
 
 import hexsim
-from hexsim.cli import SentenceGroup, app, errors
+from hexsim.cli import app, errors
 from hexsim.files import log_files
 from hexsim.machine import models_folder
 
@@ -363,7 +363,7 @@ def test_an_unwritable_folder_is_refused_before_the_run(tmp_path, monkeypatch):
 # ---- what ends early -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_run_keeps_its_log(tmp_path, number):
     """Ctrl-C (SIGTERM, a closed terminal) in the middle: exit code 130, as a shell gives it, one sentence, a folder -partial
     whose log can be read."""
@@ -436,7 +436,7 @@ def test_brackets_in_help_texts_are_shown():
     runner = CliRunner()
     assert "[uncertainty]" in runner.invoke(app, ["sweep", "--help"], env={"COLUMNS": "200"}).output
 
-    probe = typer.Typer(cls=SentenceGroup, rich_markup_mode="rich")
+    probe = typer.Typer(cls=app.info.cls, rich_markup_mode="rich")
 
     @probe.callback()
     def group() -> None:

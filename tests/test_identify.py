@@ -19,7 +19,6 @@ from hexsim.cli import app
 from hexsim.identification import bump, identify, record, rounds
 from hexsim.identification import host as hosts
 from hexsim.identification import link as links
-from hexsim.identification.picture import errors_by_kind
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
 from hexsim.motion_computer import compensator_packet, host_limiter, host_packet, states, telemetry
@@ -279,6 +278,7 @@ def told_traces(monkeypatch):
     motion tells more."""
     known = []
     monkeypatch.setattr("hexsim.tracing.rules.MOTION_S", SHORT_s)
+    monkeypatch.setitem(bump.start_parameters.__kwdefaults__, "bench_s", 4.0)  # of the twin's lesson
 
     def trace(folder, fit, held_out, out, tell):
         known.append([pl.read_parquet(path)["position_m"].to_numpy() for path in fit])
@@ -515,7 +515,6 @@ def test_the_story_names_what_is_named(tmp_path):
     page = (hx.Identification(story).to_folder() / "report.html").read_text(encoding="utf-8")
     assert "What the declared machine is missing: leakage supply to chamber (explained)." in page
     assert "1 round, 1.2 minutes" in page
-    assert errors_by_kind(error, "declared") == {"position_m": pytest.approx(300.0)}
 
 
 def test_the_page_says_what_a_partly_explained_machine_keeps(tmp_path):

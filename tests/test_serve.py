@@ -458,7 +458,11 @@ def test_telemetry_without_a_host_is_not_kept() -> None:
 
 @pytest.mark.parametrize(
     ("signal_name", "more"),
-    [("SIGINT", []), ("SIGTERM", []), ("SIGINT", ["--lockstep"]), ("SIGTERM", ["--from", "outsim"])],
+    [
+        ("SIGINT", ["--lockstep"]),
+        ("SIGTERM", ["--from", "outsim"]),
+        *(pytest.param(name, [], marks=pytest.mark.slow) for name in ("SIGINT", "SIGTERM")),
+    ],
 )
 def test_the_first_signal_ends_serve(signal_name: str, more: list[str]) -> None:
     """Silent and flooded, in real time and in lockstep: the command ends by itself after one signal, with its status and

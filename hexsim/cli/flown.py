@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from hexsim.simulation.vehicle_link import Vehicle
 
 LOOPBACK = "127.0.0.1"
-RREF_RATE_Hz = 60  # that X-Plane is asked for; it sends once a frame at most
 PORT = 47110  # of hexsim.simulation.serve; a test holds them together, because importing it loads the simulator
 
 Source = Annotated[
@@ -43,6 +42,6 @@ def vehicle_of(source: str, strict: bool) -> Vehicle:
         name=name,
         strict=strict,
         address=address,
-        requests=tuple(rref_requests(RREF_RATE_Hz)),
+        requests=tuple(rref_requests(60)),  # [Hz] it sends once a frame at most
         farewell=tuple(rref_requests(0)),
     )

@@ -16,8 +16,6 @@ from hexsim.errors import HexsimError, shortened
 if TYPE_CHECKING:
     from hexsim.simulation.serve_status import Status
 
-LONGEST_LOG_S = 600.0  # that is kept in memory: 2 GB of a hexapod at 1 kHz at most
-
 
 def register(app: typer.Typer) -> None:
     app.command("serve")(serve)
@@ -95,7 +93,7 @@ def serve(
                 lockstep=lockstep,
                 host_input=host_input,
                 stream=looker,
-                record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
+                record_s=min(duration or 600.0, 600.0) if out else 0.0,  # 2 GB of a hexapod at 1 kHz at most
             )
         address = f"{server.address[0]}:{server.address[1]}"
         with server, stop_when_signalled() as stop:  # before it says that it listens: whoever reads that may signal

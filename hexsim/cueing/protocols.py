@@ -19,6 +19,7 @@ import math
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -41,10 +42,8 @@ RREF_NAMES = (  # in the order of the indices, from 1, that are asked for
 OUTSIM = struct.Struct("<I12f3i")
 OUTSIM_MAIN = struct.Struct("<12f3i")
 OUTSIM2_HEAD = struct.Struct("<4s4xI")  # LFST, id, time
-OUTSIM2_PARTS = (20, 12, 8, 160, 8)  # bytes of inputs, drive, distance, wheels and extra, each there or not
-OUTSIM2_SIZES = frozenset(
-    OUTSIM2_HEAD.size + OUTSIM_MAIN.size + sum(part for k, part in enumerate(OUTSIM2_PARTS) if there >> k & 1)
-    for there in range(1 << len(OUTSIM2_PARTS))
+OUTSIM2_SIZES = frozenset(  # bytes of inputs, drive, distance, wheels and extra, each there or not
+    OUTSIM2_HEAD.size + OUTSIM_MAIN.size + sum(parts) for parts in product(*((0, n) for n in (20, 12, 8, 160, 8)))
 )
 MOTIONSIM = struct.Struct("<4s21f")
 NAMES = ("forward_m_s2", "left_m_s2", "up_m_s2", "roll_rad_s", "pitch_rad_s", "yaw_rad_s")

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,17 +19,6 @@ from hexsim.errors import HexsimError
 
 Array = NDArray[np.float64]
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-
-
-class Most(NamedTuple):
-    """Largest shaping of a channel."""
-
-    gain: float = 5.0  # of what comes in
-    lag_s: float = 2.0  # of a low-pass
-    dead_band: float = 10.0  # m/s2, rad/s
-
-
-MOST = Most()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +32,9 @@ class AxisShape:
 
     def __post_init__(self) -> None:
         for name, least, largest in (
-            ("gain", -MOST.gain, MOST.gain),
-            ("smoothing_s", 0.0, MOST.lag_s),
-            ("dead_band", 0.0, MOST.dead_band),
+            ("gain", -5.0, 5.0),
+            ("smoothing_s", 0.0, 2.0),
+            ("dead_band", 0.0, 10.0),
         ):
             value = getattr(self, name)
             if not (math.isfinite(value) and least <= value <= largest):

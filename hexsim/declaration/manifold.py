@@ -6,8 +6,6 @@ import math
 
 from hexsim.declaration.section import Section, between
 
-SHARP_EDGED = 0.611  # discharge coefficient of an orifice in a plate
-
 
 class Manifold(Section):
     """Safety manifold between valves and cylinders, as motion bases have it. Absent: a leg hangs on its valve alone.
@@ -42,6 +40,6 @@ class Manifold(Section):
         """Q/sqrt(dp) of a check valve."""
         return self.check_flow_m3_s / math.sqrt(self.check_pressure_drop_Pa)
 
-    def settling_gain_m3_s_sqrtPa(self, density_kg_m3: float) -> float:
-        """Q/sqrt(dp) of the settling orifice, C_d pi d^2/4 sqrt(2/rho)."""
-        return SHARP_EDGED * math.pi / 4 * self.settling_diameter_m**2 * math.sqrt(2.0 / density_kg_m3)
+    def settling_gain_m3_s_sqrtPa(self, density_kg_m3: float, discharge: float = 0.611) -> float:
+        """Q/sqrt(dp) of the settling orifice, C_d pi d^2/4 sqrt(2/rho); C_d of an orifice in a plate."""
+        return discharge * math.pi / 4 * self.settling_diameter_m**2 * math.sqrt(2.0 / density_kg_m3)

@@ -11,8 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-KELVIN = 273.15  # [K] of 0 degC
-
 
 @dataclass(frozen=True, kw_only=True)
 class OilGrade:
@@ -65,7 +63,7 @@ GRADES = {
 def kinematic_viscosity(temperature_degC: float, grade: OilGrade = TELLUS_T46) -> float:
     """nu [m2/s] by ASTM D341 through the grade's two points; -20..120 degC."""
     at_40, at_100 = (math.log10(math.log10(v + 0.7)) for v in (grade.viscosity_40_mm2_s, grade.viscosity_100_mm2_s))
-    low, high, here = (math.log10(t + KELVIN) for t in (40.0, 100.0, temperature_degC))
+    low, high, here = (math.log10(t + 273.15) for t in (40.0, 100.0, temperature_degC))
     level = at_40 + (at_100 - at_40) * (here - low) / (high - low)
     return (10 ** (10**level) - 0.7) * 1e-6
 

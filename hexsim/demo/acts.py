@@ -31,7 +31,6 @@ MACHINE, BENCH, MOTION = "micro_motion_system", "bench", "heave"
 LEAK = "effects.leakage_supply_to_chamber.conductance_m3_s_Pa"
 HIDDEN_m3_s_Pa = 1.8e-12  # size of a worn piston seal
 RUNS = {"fit": ("multisine", 1), "validate": ("heave", 2)}  # scenario, seed of the sensors' noise
-SHARES = (0.0, 0.15, 0.4, 0.8)  # of the whole time, at which the acts begin
 
 Show = Callable[[str, float], None]
 
@@ -50,14 +49,15 @@ class Act:
 
 def demo(folder: Path, show: Show = lambda doing, fraction: None) -> list[Act]:
     """Play all acts into `folder` and write index.html there. show(what is being done, fraction done)."""
-    show("a heave and its bump", SHARES[0])
+    begins = (0.0, 0.15, 0.4, 0.8)  # of the acts, shares of the whole time
+    show("a heave and its bump", begins[0])
     plain = simulate(load_machine(MACHINE), load_scenario(MOTION), fast=True)
     acts = [bump(plain, folder)]
-    show("the same with a compensator", SHARES[1])
+    show("the same with a compensator", begins[1])
     acts.append(compensated(plain, folder))
-    show("a bench with a hidden leak", SHARES[2])
-    acts.append(traced(folder, lambda doing, done: show(doing, SHARES[2] + done * (SHARES[3] - SHARES[2]))))
-    show("the machine live", SHARES[3])
+    show("a bench with a hidden leak", begins[2])
+    acts.append(traced(folder, lambda doing, done: show(doing, begins[2] + done * (begins[3] - begins[2]))))
+    show("the machine live", begins[3])
     acts.append(live(folder))
     about = "Hydraulic motion systems: what people feel at a reversal, where it comes from, and how it goes away."
     sections = [section(number, act) for number, act in enumerate(acts, start=1)]

@@ -144,6 +144,7 @@ def export_compensator(
     return [out / file for file in written]
 
 
+@cache
 def compensator_object(name: str, system: System, exported: bool = True) -> bytes:
     """Object file of an algorithm. exported: its functions leave a Windows library that it is linked into."""
     return object_of({f"hexsim_{name}_{key}": made for key, made in native_functions(name).items()}, system, exported)

@@ -122,7 +122,7 @@ def feels_legs(plant: Plant, what: str, compensator: str) -> bool:
 def _write(out: Path, contents: dict[str, bytes]) -> None:
     """The archive, whole or not at all."""
     out.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(out) as begun, zipfile.ZipFile(begun, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+    with written_whole(out) as begun, zipfile.ZipFile(begun, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():
             archive.writestr(name, content)
 

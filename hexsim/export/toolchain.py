@@ -32,7 +32,7 @@ class System:
     suffix: str
     prefix: str = "lib"
     cpu: str = "x86-64"
-    folders: dict[int, str] = field(default_factory=dict)
+    folders: dict[int, str] = field(default_factory=dict, hash=False)
     flags: tuple[str, ...] = ()
 
 

@@ -18,8 +18,6 @@ from hexsim.machine import files as machine_files
 from hexsim.scenarios import Scenario, scenario
 from hexsim.scenarios.settings import apply_settings, loaded
 
-TIME_STEPS_s = 1e-6, 1e-3  # that a run may keep constant
-
 
 class Machine(declaration.Machine):
     """A declared machine, frozen: `machine.valve.overlap_m` reads a value, `with_` gives a changed copy.
@@ -181,7 +179,7 @@ def check_run_options(seed: Any, timestep: Any = None) -> None:
     """Refuse a seed that is none, and a time step out of range."""
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise HexsimError(f"seed is {shown(seed)}: give a whole number from 0 on")
-    low, high = TIME_STEPS_s
+    low, high = 1e-6, 1e-3  # [s] that a run may keep constant
     if timestep is not None and not (is_number(timestep) and low <= timestep <= high):
         raise HexsimError(f"timestep is {shown(timestep)}: give {low:g} to {high:g} s, or None to have it chosen")
 

@@ -33,9 +33,7 @@ from hexsim.compiled import compiled
 from hexsim.declaration import ATMOSPHERE_Pa
 
 VAPOUR = 10.0 - ATMOSPHERE_Pa  # [Pa] gauge; mineral oils boil at 0.1 to 10 Pa absolute at 20 to 60 degC
-LEAST_OF_AIR = 2.0e4  # [Pa] absolute: below it free air swells at the rate it has there, and vapour soon does the rest
 VOLUME_FLOOR = 1.0e-6  # [m3] smallest chamber volume, reached only at the end stop
-AIR_EXPONENT = 1.4  # [-] of a ripple: bubbles are compressed faster than they exchange heat
 
 
 @compiled
@@ -46,12 +44,16 @@ def volume(y, area, dead_volume):
 
 @compiled
 def bulk_modulus(pressure, oil_modulus, air_fraction):
-    """Effective bulk modulus [Pa] of oil with entrained air, for a ripple about the gauge pressure `pressure`."""
+    """Effective bulk modulus [Pa] of oil with entrained air, for a ripple about the gauge pressure `pressure`.
+
+    A ripple is adiabatic (1.4): it is faster than bubbles exchange heat. Below 20 kPa absolute air swells at the rate that it has
+    there, and vapour soon does the rest.
+    """
     if air_fraction <= 0.0:
         return oil_modulus
-    absolute = max(pressure + ATMOSPHERE_Pa, LEAST_OF_AIR)
+    absolute = max(pressure + ATMOSPHERE_Pa, 2.0e4)
     air = air_fraction * ATMOSPHERE_Pa / absolute
-    return (1.0 + air) / (1.0 / oil_modulus + air / (AIR_EXPONENT * absolute))
+    return (1.0 + air) / (1.0 / oil_modulus + air / (1.4 * absolute))
 
 
 @compiled

@@ -23,8 +23,6 @@ from hexsim.hydraulics.ports import (
     worn_conductance,
 )
 
-LEAST_BRISTLE_LEVEL = 1.0e-3  # [N] a bristle divides by the level; far below any seal
-
 
 @compiled
 def commanded_spool(p, volts, t):
@@ -176,7 +174,8 @@ def friction_level(p, y, v, P1, P2=0.0, t=math.inf):
     if p[P.RIPPLE_FORCE] != 0.0:
         coulomb += p[P.RIPPLE_FORCE] * math.sin(2.0 * math.pi * y / p[P.RIPPLE_LENGTH] + p[P.RIPPLE_PHASE])
     level = cold_factor(p, t) * friction.stribeck_level(v, max(coulomb, 0.0), static, p[P.STRIBECK_VELOCITY])
-    return max(level, LEAST_BRISTLE_LEVEL) if p[P.BRISTLE_STIFFNESS] > 0.0 else level
+    # a bristle divides by the level; 1 mN is far below any seal
+    return max(level, 1.0e-3) if p[P.BRISTLE_STIFFNESS] > 0.0 else level
 
 
 @compiled

@@ -14,8 +14,6 @@ from hexsim.compiled import compiled
 from hexsim.hydraulics import valve
 from hexsim.hydraulics.parameters import P
 
-LEAST_TAPER = 0.02  # of the settling orifice's gain: it never shuts
-
 
 @compiled
 def check_flow(gain, dp, width):
@@ -25,10 +23,10 @@ def check_flow(gain, dp, width):
 
 @compiled
 def taper(p, y):
-    """Share of the settling orifice that is open at piston position y [m]."""
+    """Share of the settling orifice that is open at piston position y [m]: it never shuts."""
     if y >= p[P.SETTLING_TAPER]:
         return 1.0
-    return max(math.sqrt(max(y, 0.0) / p[P.SETTLING_TAPER]), LEAST_TAPER)
+    return max(math.sqrt(max(y, 0.0) / p[P.SETTLING_TAPER]), 0.02)
 
 
 @compiled

@@ -15,8 +15,6 @@ from hexsim.compiled import compiled
 from hexsim.hydraulics import manifold, valve
 from hexsim.hydraulics.parameters import P
 
-NEWTON_STEPS = 5  # from the root law to 1e-12 of the drop
-
 
 @compiled
 def edge_PA(p):
@@ -79,7 +77,7 @@ def drop_before_line(p, gain, dp, width):
     line = gain * p[P.RETURN_RESISTANCE]
     root = 0.5 * (math.sqrt(line * line + 4.0 * abs(dp)) - line)
     drop = root * root
-    for _ in range(NEWTON_STEPS):
+    for _ in range(5):  # Newton's steps, from the root law to 1e-12 of the drop
         excess = drop + line * valve.smooth_root(drop, width) - abs(dp)
         drop = max(drop - excess / (1.0 + line * valve.smooth_root_slope(drop, width)), 0.0)
     return drop

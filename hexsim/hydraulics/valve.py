@@ -29,8 +29,6 @@ import numpy as np
 
 from hexsim.compiled import compiled
 
-LEAST_OPENING = 1.0e-12  # [m] far below an atom: the transition pressure stays finite, the flow is none
-
 
 @compiled
 def spool_command(volts, null_offset, gain, travel):
@@ -84,7 +82,8 @@ def transition_pressure(opening, laminar, discharge, density, width):
     """
     if laminar <= 0.0:
         return width
-    speed = laminar / (discharge * max(opening, LEAST_OPENING))
+    # far below an atom the transition pressure stays finite, and the flow is none
+    speed = laminar / (discharge * max(opening, 1.0e-12))
     pressure = 0.5 * density * speed * speed
     return math.sqrt(width * width + pressure * pressure)
 

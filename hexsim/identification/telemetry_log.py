@@ -26,7 +26,6 @@ STEMS = (
     "acceleration",
     "angular_acceleration",
 )
-BELOW_Pa = 2e5  # a gauge's zero, and one atmosphere: no pressure lies farther below zero
 
 
 def log_of(
@@ -107,6 +106,7 @@ def _in_range(
     *,
     stroke_share: float = 0.05,  # of the stroke, by which a transducer may read beyond it: its zero is known so well
     pressure_ratio: float = 1.5,  # times what a chamber can hold: shocks
+    below_Pa: float = 2e5,  # a gauge's zero, and one atmosphere: no pressure lies farther below zero
     volts_ratio: float = 1.1,  # times the valve's range
     most_m_s2: float = 100.0,  # ten times gravity: the range of a platform's accelerometer is smaller
     most_rad_s2: float = 1000.0,  # the same at 0.1 m from the axis
@@ -121,10 +121,10 @@ def _in_range(
     ranges = {
         "setpoint": (-stroke_share * stroke, (1.0 + stroke_share) * stroke),
         "position": (-stroke_share * stroke, (1.0 + stroke_share) * stroke),
-        "pressure_bottom": (np.full(n, -BELOW_Pa), held),
-        "pressure_top": (np.full(n, -BELOW_Pa), held),
+        "pressure_bottom": (np.full(n, -below_Pa), held),
+        "pressure_top": (np.full(n, -below_Pa), held),
         "valve": (-volts_ratio * volts, volts_ratio * volts),
-        "pressure_supply": (np.full(1, -BELOW_Pa), supply),
+        "pressure_supply": (np.full(1, -below_Pa), supply),
         "acceleration": (np.full(3, -most_m_s2), np.full(3, most_m_s2)),
         "angular_acceleration": (np.full(3, -most_rad_s2), np.full(3, most_rad_s2)),
     }

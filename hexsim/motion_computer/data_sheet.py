@@ -13,10 +13,6 @@ from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.motion_computer.leg_load import ExpectedLoad
 
-READING = (
-    4.0  # standard deviations of a reading: what the loop itself makes volts of on a valve without overlap and friction
-)
-
 
 def compensator_context(
     machine: Machine,
@@ -25,6 +21,7 @@ def compensator_context(
     load: ExpectedLoad | None = None,
     *,
     least_m: float = 1e-7,  # [m] of an ideal transducer
+    reading_sd: float = 4.0,  # noises of a reading, of which the loop itself makes volts on a valve without overlap and friction
 ) -> Context:
     """Of a leg, from 1; load: of a platform.
 
@@ -55,7 +52,7 @@ def compensator_context(
         spool_damping=damping,
         spool_frequency_Hz=omega_1_s / (2.0 * math.pi),
         stribeck_velocity_m_s=own.friction.stribeck_velocity_m_s,
-        edge_V=max(most_V, own.controller.gain_V_per_m * (READING * noise_m + least_m)),
+        edge_V=max(most_V, own.controller.gain_V_per_m * (reading_sd * noise_m + least_m)),
         velocity_gain_m_s_V=gain,
         velocity_gain_V_s_per_m=own.controller.velocity_gain_V_s_per_m,
         velocity_filter_Hz=own.controller.velocity_filter_Hz,

@@ -38,9 +38,6 @@ PLAIN, TERMS = len(ORDERS_AND_COUNTS), 6  # first that uses derivatives; coeffic
 ORDERS_AND_COUNTS = np.vstack([ORDERS_AND_COUNTS, [(2, 1), (3, 2), (4, 2), (3, 3), (4, 3), (5, 4)]])
 POLYNOMIALS = len(ORDERS_AND_COUNTS)  # those from PLAIN on use derivatives
 PREDICTORS = POLYNOMIALS + len(PROCESSES)  # those from POLYNOMIALS on are processes
-MEMORY_S = 0.2  # of the squared errors
-RATE_S = 0.04  # T_e: over which an error counts as one of the rate
-FLOOR = 2e-7  # e_0 [m or rad]
 # e_0 [m, rad] of the predictors without derivatives, where packets carry them. Translations of a washout are smooth; its tilt is
 # behind a rate limit, and second derivatives change within a packet.
 PLAIN_FLOOR = np.array([1e-4, 1e-4, 1e-4, 3e-6, 3e-6, 3e-6])
@@ -186,18 +183,19 @@ def _judge(prediction, time, value, horizon_s):
             then = i
     if then < 0 or prediction.counts[then, 0] == 0:
         return
+    memory_s, rate_s = 0.2, 0.04  # of the squared errors; T_e, over which an error counts as one of the rate
     gap = min(max(time - prediction.state[1], 1e-3), 1.0)
     said, whole = np.zeros((3, AXES)), np.ones(AXES)
     for j in range(PREDICTORS):
         if not _can(j, prediction.counts[then]):
             continue
         prediction.judged[j] += 1.0
-        share = max(min(1.0, gap / MEMORY_S), 1.0 / prediction.judged[j])
+        share = max(min(1.0, gap / memory_s), 1.0 / prediction.judged[j])
         said[:] = 0.0
         _add(prediction, then, j, time, whole, said)
         for d in range(AXES):
             error = said[0, d] - value[d]
-            jump = RATE_S / gap * (error - prediction.errors[j, d])
+            jump = rate_s / gap * (error - prediction.errors[j, d])
             prediction.squares[j, d] += share * (error * error + jump * jump - prediction.squares[j, d])
             prediction.errors[j, d] = error
     prediction.state[1] = time
@@ -242,7 +240,7 @@ def predicted(prediction, time):
         if not _can(j, prediction.counts[place]):
             continue
         for d in range(AXES):
-            floor = PLAIN_FLOOR[d] if moving and (j < PLAIN or j >= POLYNOMIALS) else FLOOR
+            floor = PLAIN_FLOOR[d] if moving and (j < PLAIN or j >= POLYNOMIALS) else 2e-7  # e_0 [m, rad]
             weight[d] = 1.0 / (prediction.squares[j, d] + floor**2)
         total += weight
         _add(prediction, place, j, time, weight, out)

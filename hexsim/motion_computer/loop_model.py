@@ -49,7 +49,6 @@ class L(IntEnum):
 
 
 Matrices = tuple[Any, Any, Any, Any]  # A, B, C, D: arrays
-STEPS = (1e3, 1e3, 1e-8, 1e-4, 1e-6, 1e-5, 1e-5)  # of the numerical derivative: Pa, Pa, m, m/s, m, m/s, V
 OUTSIDE = 1e-9  # of the unit circle, beyond which a pole counts as unstable
 
 
@@ -112,9 +111,8 @@ def leg_slopes(at: Array, p: Array, supply_Pa: float) -> tuple[Array, list[int]]
         pushed = leg.leg_force(p, s[L.Y], s[L.V], s[L.VOLTS], s[L.P1], s[L.P2], supply_Pa, 0.0, 0.0)
         return np.array([d1, d2, dx, dr, s[L.V], pushed])
 
-    slopes = np.column_stack(
-        [(rates(at + h * e) - rates(at - h * e)) / (2 * h) for h, e in zip(STEPS, np.eye(7), strict=True)]
-    )
+    steps = np.diag([1e3, 1e3, 1e-8, 1e-4, 1e-6, 1e-5, 1e-5])  # Pa, Pa, m, m/s, m, m/s, V
+    slopes = np.column_stack([(rates(at + step) - rates(at - step)) / (2 * step.sum()) for step in steps])
     there: list[int] = [L.P1, L.Y, L.V]
     if p[P.ROD_SIDE_CHAMBER] > 0.0:
         there.insert(1, L.P2)

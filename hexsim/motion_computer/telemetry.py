@@ -33,7 +33,6 @@ from hexsim.packets import described
 HEADER = struct.Struct("<4sHHIIdd")
 MAGIC = b"HXT1"
 MOST_ROWS = 4  # of a packet: 1,216 bytes, below what any IPv6 network takes whole
-LARGEST = 1e10  # SI; a hundred times the pressure of the strongest hydraulics, and far beyond any other reading
 LARGEST_PACKET = HEADER.size + MOST_ROWS * (5 * N_LEGS + 7) * 8
 Array = NDArray[np.float64]
 
@@ -81,6 +80,7 @@ def unpack_telemetry(
     if not (abs(time_s) <= LATEST_S and 0.0 < rate_Hz <= fastest_Hz):
         return "telemetry with a time or rate that is not finite or cannot be"
     rows = np.frombuffer(data, dtype="<f8", offset=HEADER.size).reshape(m, width(n)).astype(float)
-    if np.any(np.abs(rows) > LARGEST):  # not-a-number stands for a sensor that is not there
-        return f"telemetry with readings beyond {LARGEST:g}"
+    largest = 1e10  # SI; a hundred times the pressure of the strongest hydraulics, and far beyond any other reading
+    if np.any(np.abs(rows) > largest):  # not-a-number stands for a sensor that is not there
+        return f"telemetry with readings beyond {largest:g}"
     return Telemetry(n_legs=n, sequence=sequence, time_s=time_s, rate_Hz=rate_Hz, rows=rows)

@@ -302,26 +302,7 @@ def carried(out, below, first, width, s, rows):
                 rows[a, b] += by * s[q, b]
 
 
-INTEGRATOR = types.Tuple(
-    (types.Array(types.float64, 2, "C"), types.Array(types.float64, 3, "C"), types.Array(types.float64, 2, "C"))
-)(
-    types.int64,
-    VECTOR,
-    types.Array(types.float64, 2, "C"),
-    types.Array(types.float64, 2, "C"),
-    types.Array(types.boolean, 1, "C"),
-    VECTOR,
-    types.float64,
-    types.float64,
-    types.int64,
-    types.int64,
-    types.int64,
-    types.boolean,
-    types.boolean,
-)
-
-
-@numba.njit(INTEGRATOR, cache=True)
+@numba.njit(cache=True)  # at the first call: it takes seconds
 def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, with_after, sensitive):
     """States at samples (n, nx) with outputs (n, ny) and their derivatives by p (n, ny, np), by the variational equation.
 

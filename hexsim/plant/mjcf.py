@@ -29,14 +29,6 @@ from hexsim.plant.states import ROW, A, actuator_rows
 
 ModelKind = Literal["full", "tendon"]
 
-# A ball end yields by r'' + b r' + k r = -R f, R = 1e-4 over the mass that it holds (solimp): beside the oil spring K it is a
-# damper that takes K omega b R/k^2 of the ring. Light rods make R large; k as large as RK4 bears at its longest step
-# (h sqrt(k) = 1.6 of 2.8) and a damping ratio of 0.3 keep it below 2 % of what friction takes
-# from 1 kg a leg on, 6 % at 0.1 kg (tests/plant/test_ball_ends.py).
-BALL_rad_s, BALL_DAMPING = 1.6e3, 0.3
-STIFF_SOLREF = [-(BALL_rad_s**2), -2.0 * BALL_DAMPING * BALL_rad_s]  # negative: k and b themselves
-STIFF_SOLIMP = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # R = 1e-4 at any depth; the rest as MuJoCo has it
-
 
 def build_spec(
     resolved: Resolved, kinematics: Mechanics, kind: ModelKind, timestep: float, layout: np.ndarray, is_shown: bool
@@ -119,8 +111,23 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics,
         _add_lumped_legs(platform, kinematics, bodies)
 
 
-def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies, i: int, declared: Cylinder) -> None:
-    """Universal joint at the base, cylinder, rod on a slide joint, ball end on the platform."""
+def _add_full_leg(
+    spec: mujoco.MjSpec,
+    kinematics: Mechanics,
+    bodies: LegBodies,
+    i: int,
+    declared: Cylinder,
+    *,
+    ball_rad_s: float = 1.6e3,
+    ball_damping: float = 0.3,
+) -> None:
+    """Universal joint at the base, cylinder, rod on a slide joint, ball end on the platform.
+
+    A ball end yields by r'' + b r' + k r = -R f, R = 1e-4 over the mass that it holds (solimp): beside the oil spring K it is a
+    damper that takes K omega b R/k^2 of the ring. Light rods make R large; k as large as RK4 bears at its longest step
+    (h sqrt(k) = 1.6 of 2.8) and a damping ratio of 0.3 keep it below 2 % of what friction takes
+    from 1 kg a leg on, 6 % at 0.1 kg (tests/plant/test_ball_ends.py).
+    """
     number = i + 1
     base = kinematics.base_joints[i]
     top = kinematics.platform_joints[i] + np.array([0, 0, kinematics.neutral_height_m])
@@ -144,8 +151,8 @@ def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies,
         objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1=f"rod_{number}",
         name2="platform",
-        solref=STIFF_SOLREF,
-        solimp=STIFF_SOLIMP,
+        solref=[-(ball_rad_s**2), -2.0 * ball_damping * ball_rad_s],  # negative: k and b themselves
+        solimp=[0.9999, 0.9999, 0.001, 0.5, 2.0],  # R = 1e-4 at any depth; the rest as MuJoCo has it
     )
     ball.data[:3] = 0.0  # the anchor is the rod's end
 

@@ -30,10 +30,8 @@ from hexsim.plant.structs import check_layout
 
 Array = NDArray[np.float64]
 Setting = tuple[Effect, tuple[int, ...], dict[str, Any]]
-OFF_CENTRE_m = (0.0, 0.0, 2e-6)  # of a load that moves later: below 1 um MuJoCo takes a body for centred
 NAMES = ("names", "paths", "text_data")  # of the model's parts, not its numbers
 SILENT = 1  # warnings of a kind that MuJoCo takes for written down already
-OIL_RANGE_degC = -60.0, 300.0  # beyond: no oil any more, and no viscosity by ASTM D341
 MODEL_STEP_S = 1.0e-4  # of a model file, for MuJoCo without a plant
 
 
@@ -115,7 +113,8 @@ class Plant:
         light = [dataclasses.replace(m, mass_kg=light_share * m.mass_kg) for m in self._final_modes[len(modes) :]]
         load = self.resolved.load
         if self._load_moves and not any(load.centre_of_mass_m):
-            load = load.model_copy(update={"centre_of_mass_m": OFF_CENTRE_m})
+            off_centre_m = (0.0, 0.0, 2e-6)  # below 1 um MuJoCo takes a body for centred, for good
+            load = load.model_copy(update={"centre_of_mass_m": off_centre_m})
         now = dataclasses.replace(self.resolved, load=load, payload_modes=[*modes, *light])
         step_s, furnish = self.timestep or MODEL_STEP_S, self._furnish
         spec, rows = build_spec(now, self.kinematics, self.model_kind, step_s, self.layout, furnish is not None)
@@ -287,7 +286,7 @@ class Plant:
         temperature = self.oil_temperature_degC
         if temperature is None or abs(temperature - self.resolved.oil_temperature_degC) < oil_step_K:
             return
-        if not OIL_RANGE_degC[0] <= temperature <= OIL_RANGE_degC[1]:
+        if not -60.0 <= temperature <= 300.0:  # beyond: no oil any more, and no viscosity by ASTM D341
             raise PlantError(f"oil at {temperature:.3g} degC")
         of_legs, of_supply = warm_oil(self.resolved, temperature)
         self.model.actuator_user[: self.n_legs, :N_PARAMETERS] *= of_legs

@@ -23,8 +23,6 @@ from hexsim.plant import stepping
 from hexsim.smoothness.band import band_limit
 
 Array = NDArray[np.float64]
-LARGEST_ERROR = 1.0e-3  # of the peak: above it a run warns
-KEPT = 8  # marks of the worst spans that are kept
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -48,8 +46,9 @@ class Mark:
 class StepCheck:
     """Marks of a run on `plant`, which records it."""
 
-    def __init__(self, plant: Any) -> None:
-        self.plant, self.marks, self.spans = plant, [], 0
+    def __init__(self, plant: Any, kept: int = 8) -> None:
+        """kept: marks of the worst spans."""
+        self.plant, self.kept, self.marks, self.spans = plant, kept, [], 0
         self.repeat: Callable[[Any, Any, Array], object] = _repeat  # or what a run has compiled already
         self.open: Mark | None = None
 
@@ -67,7 +66,7 @@ class StepCheck:
         self.spans += 1
         same = np.array_equal(mark.rows, model.actuator_user) and np.array_equal(mark.centres, model.body_ipos)
         if same and mark.versions == len(self.plant.history) and np.isfinite(mark.error):
-            self.marks = sorted([*self.marks, mark], key=lambda m: (-m.error, m.first))[:KEPT]
+            self.marks = sorted([*self.marks, mark], key=lambda m: (-m.error, m.first))[: self.kept]
 
     def error(
         self,
@@ -86,7 +85,7 @@ class StepCheck:
         if not peak > still_m_s2:
             return 0.0
         present, worst = self._mark(ticks), 0.0
-        for mark in self.marks[: max(1, min(KEPT, self.spans // spans_a_check))]:
+        for mark in self.marks[: max(1, min(self.kept, self.spans // spans_a_check))]:
             middle = self._again(mark)
             gap = (middle - record.middle[mark.first : mark.last]) * context.reach
             differs = np.diff(gap, axis=0, prepend=0.0) / tick_s

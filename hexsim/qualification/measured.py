@@ -43,8 +43,6 @@ from hexsim.signals.log import Log
 from hexsim.smoothness import BANDWIDTH_Hz, band_limit, describing_function
 
 Array = NDArray[np.float64]
-HALF_HERTZ = (0.49, 0.51)  # [Hz]: within it a log's sine is the test's
-TURN_AROUND_m = (0.0675, 0.0825)  # amplitude of the turn-around check, 75 mm, within a tenth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,13 +118,13 @@ def _judged(row: Row, axis: str, frequency_Hz: float, amplitude: float, *, alone
         "leg balance": ("heave of 0.5 Hz alone", axis == "z"),
         "turn-around": (
             "heave of 0.5 Hz alone, 150 mm peak to peak",
-            axis == "z" and TURN_AROUND_m[0] <= amplitude <= TURN_AROUND_m[1],
+            axis == "z" and 0.0675 <= amplitude <= 0.0825,  # 75 mm within a tenth
         ),
     }
     if row.limit is None or row.test not in wanted:
         return row
     what, is_its = wanted[row.test]
-    if is_its and alone and HALF_HERTZ[0] <= frequency_Hz <= HALF_HERTZ[1]:
+    if is_its and alone and 0.49 <= frequency_Hz <= 0.51:
         return row
     return replace(row, limit=None, source=f"reported; its limit is for {what}")
 

@@ -17,7 +17,6 @@ KINDS = {
     9,
     *range(12, 19),
 }  # that there are: numbers of 1 to 8 bytes, matrix, compressed, UTF-8 to UTF-32
-HDF5 = 2  # in a MAT-file's header: version 7.3
 
 
 class Element(IntEnum):
@@ -57,7 +56,7 @@ def check_mat(
     a kind that is none."""
     data = path.read_bytes()
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None or data[125 if order == "<" else 124] == HDF5:  # version 4 packs nothing
+    if order is None or data[125 if order == "<" else 124] == 2:  # version 4 packs nothing; 2: of version 7.3, HDF5
         return
     cells = elements = size = 0
     waiting: list[tuple[bytes, int, int, int]] = [(data, 128, len(data), 0)]

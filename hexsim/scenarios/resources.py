@@ -21,17 +21,14 @@ try:
 except ImportError:  # Windows: a process has no limit of its own
     resource = None
 
-FIGURES_RATE_Hz = (
-    20 * BANDWIDTH_Hz
-)  # ticks of figures: a mean over one takes 0.4 % of an amplitude at the end of the band
 CONTROL_GROUP = Path("/sys/fs/cgroup")
 
 
 def tick_rate_Hz(machine: Machine) -> float:
     """Rate of the ticks of a run: of the log or of the controller, whichever is faster, and a multiple of that where it is
-    too slow for the figures."""
+    too slow for the figures: a mean over one takes 0.4 % of an amplitude at the end of the band."""
     rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
-    return rate * math.ceil(FIGURES_RATE_Hz / rate)
+    return rate * math.ceil(20 * BANDWIDTH_Hz / rate)
 
 
 def check_resources(

@@ -24,9 +24,6 @@ from hexsim.signals.sensor import ERRORS, Sensor
 from hexsim.signals.table import STANDARD, sensors
 
 Array = NDArray[np.float64]
-NOISE_RATE_Hz = (
-    1000.0  # independent readings a second of the noises of [sensors], which are declared for a log at 1 kHz
-)
 
 
 @compiled
@@ -66,13 +63,19 @@ def delayed(values: Array, delay_s: Array, tick_s: float) -> Array:
     return np.column_stack(columns)
 
 
-def noise_of_ticks(ticks: int, n: int, tick_s: float, random: np.random.Generator) -> Array:
-    """Noise (ticks, n) of standard deviation 1: white up to half of NOISE_RATE_Hz, whatever the ticks.
+def noise_of_ticks(
+    ticks: int,
+    n: int,
+    tick_s: float,
+    random: np.random.Generator,
+    rate_Hz: float = 1000.0,  # independent readings a second: [sensors] declares noises for a log at 1 kHz
+) -> Array:
+    """Noise (ticks, n) of standard deviation 1: white up to half of `rate_Hz`, whatever the ticks.
 
     Slower ticks sample it, faster ones read the same value again: raising the rate of a log or of a controller takes no
     noise out of the band in which people feel.
     """
-    which = (np.arange(ticks) * min(1.0, NOISE_RATE_Hz * tick_s) + 1e-9).astype(int)
+    which = (np.arange(ticks) * min(1.0, rate_Hz * tick_s) + 1e-9).astype(int)
     return random.standard_normal((int(which[-1]) + 1 if ticks else 0, n))[which]
 
 

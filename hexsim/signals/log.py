@@ -19,9 +19,6 @@ from hexsim.signals.weak_form import Window
 Array = np.ndarray
 Kind = Literal["bench", "hexapod", "own"]
 N_LEGS: dict[str, int] = {"bench": 1, "hexapod": 6, "own": 0}
-REST_m_s = (
-    0.015  # a leg slower than this is near a reversal: friction is stiff, or falls with speed (3 Stribeck velocities)
-)
 ATTRIBUTES = {
     "volts": "valve",
     "pressure": "pressure_bottom",
@@ -185,7 +182,8 @@ class Log:
     @cached_property
     def near_rest(self) -> Array:
         """Is any leg near a standstill, by its measured position? (n,) bool. Where fits need short steps."""
-        return np.any(np.abs(Window(self.rate).rate(self.position)) < REST_m_s, axis=0)
+        rest_m_s = 0.015  # 3 Stribeck velocities: friction is stiff below, or falls with speed
+        return np.any(np.abs(Window(self.rate).rate(self.position)) < rest_m_s, axis=0)
 
     @cached_property
     def run_time(self) -> Array:

@@ -6,9 +6,6 @@ import numpy as np
 
 from hexsim.compiled import compiled
 
-PITCHES_M = (2e-4, 1e-2)  # of a scale
-CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
-
 
 @compiled
 def rippled(y, amplitude, pitch, phase):
@@ -36,15 +33,22 @@ def unrippled(
     return y
 
 
-def wave_along(places: np.ndarray, values: np.ndarray) -> tuple[float, float, float]:
+def wave_along(
+    places: np.ndarray,
+    values: np.ndarray,
+    *,
+    pitches_m: tuple[float, float] = (2e-4, 1e-2),  # of a scale
+    cell_m: float = 2e-5,
+    n: int = 2**17,  # cells in which a ripple is summed: 0.4 lines a metre between two pitches
+) -> tuple[float, float, float]:
     """Pitch [m] and phase of the sine over the places (n,) [m] that takes most of values (n,); how far it stands out.
 
     Sums over the places have one Fourier transform for all pitches. What stands out: the amplitude over the rms of all pitches'.
     """
-    lines = np.fft.rfftfreq(CELLS, CELL_M)
-    among = (lines > 1.0 / PITCHES_M[1]) & (lines < 1.0 / PITCHES_M[0])
-    cells = np.clip(np.rint(places / CELL_M), 0, CELLS - 1).astype(int)
-    wave = np.fft.rfft(np.bincount(cells, weights=values, minlength=CELLS))[among]
+    lines = np.fft.rfftfreq(n, cell_m)
+    among = (lines > 1.0 / pitches_m[1]) & (lines < 1.0 / pitches_m[0])
+    cells = np.clip(np.rint(places / cell_m), 0, n - 1).astype(int)
+    wave = np.fft.rfft(np.bincount(cells, weights=values, minlength=n))[among]
     power = np.abs(wave)
     j = int(np.argmax(power))
     level = float(power[j] / max(np.sqrt(np.mean(power**2)), 1e-300))

@@ -2,7 +2,7 @@
 
 The washout runs at the control rate with the newest packet's motion; its pose is a setpoint of this tick. The machine goes
 to normal by itself once packets come and it stands in neutral. While single packets fail, the vehicle is taken to move on
-evenly. After `SILENT_S` without one (a pause, a menu, a clock that stands still) its motion fades out within `FADE_S`, so
+evenly. After `SILENT_S` without one (a pause, a menu, a clock that stands still) its motion fades out within a second, so
 that the washout brings the platform to neutral, where it waits; when packets return the motion fades in again. strict:
 nothing is sent after `SILENT_S`, and the motion computer's host timeout follows, a fault.
 
@@ -25,9 +25,6 @@ from hexsim.motion_computer.host_link import HostLink
 from hexsim.motion_computer.host_packet import HostCommand, Reply
 
 SILENT_S = 0.5  # no simulator sends so seldom: without a packet for so long it is waited for
-FADE_S = (
-    1.0  # 3 m/s2, as much as a washout scales a hard brake to, then changes by 4.5 m/s3 at most: as a foot on the pedal
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,9 +116,12 @@ class VehicleLink(HostLink):
         self.motion, self._came_s, self.peer, self._is_new = found, now_s, sender, True
         self._time_s = -np.inf if time_s is None else time_s
 
-    def _fade_on(self, silent: bool) -> None:
-        """The share of this tick: a smooth step over `FADE_S`."""
-        step = self.cueing.tick_s / FADE_S
+    def _fade_on(self, silent: bool, fade_s: float = 1.0) -> None:
+        """The share of this tick: a smooth step over a second.
+
+        3 m/s2, as much as a washout scales a hard brake to, then changes by 4.5 m/s3 at most: as a foot on the pedal.
+        """
+        step = self.cueing.tick_s / fade_s
         self._fade = max(0.0, self._fade - step) if silent else min(1.0, self._fade + step)
         self.share = self._fade**2 * (3.0 - 2.0 * self._fade)
 

@@ -31,13 +31,12 @@ from hexsim.smoothness.threshold import PERCEPTION_m_s2, PERCEPTION_rad_s
 WEIGHTING = {"x": "d", "y": "d", "z": "k", "leg": "k", "roll": "e", "pitch": "e", "yaw": "e"}
 TRANSITION_Hz_Q = {"k": (12.5, 0.63), "d": (2.0, 0.63), "e": (1.0, 0.63)}  # f3 = f4, Q4
 STEP_Hz_Q = {"k": (2.37, 0.91, 3.35, 0.91)}  # f5, Q5, f6, Q6
-BAND_Hz = (0.4, 100.0)  # f1, f2, Butterworth
 
 
 def weighting(kind: str, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
     """Complex gain of Wk, Wd or We at frequencies: band limits, acceleration-velocity transition, upward step."""
     s = 2j * math.pi * np.asarray(frequency_Hz, dtype=float)
-    low, high = (2 * math.pi * f for f in BAND_Hz)
+    low, high = (2 * math.pi * f for f in (0.4, 100.0))  # f1, f2, Butterworth
     gain = s**2 / (s**2 + math.sqrt(2) * low * s + low**2) * high**2 / (s**2 + math.sqrt(2) * high * s + high**2)
     f3, q4 = TRANSITION_Hz_Q[kind]
     w3 = 2 * math.pi * f3

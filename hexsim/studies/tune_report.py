@@ -20,7 +20,6 @@ from hexsim.recording.summary_table import number
 from hexsim.studies.tune_loop import JUDGED, AxisFigures, Tuning
 
 WAYS = ("before", "after")
-SHOWN_Hz = (0.2, 30.0)  # beyond what is measured by a factor of 1.5 to 2.5
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 
@@ -80,7 +79,8 @@ def bode_figure(tuning: Tuning) -> Figure:
     figure, (gain, phase) = small_multiples(
         2, f"Loop of {tuning.machines[0].name}, before and after", columns=2, height=3.2
     )
-    f = np.geomspace(*SHOWN_Hz, 150)
+    shown_Hz = (0.2, 30.0)  # beyond what is measured by a factor of 1.5 to 2.5
+    f = np.geomspace(*shown_Hz, 150)
     f = f[f < frequencies(tuning.machines[0].controller.rate_Hz)[-1]]
     for way, machine, axes, color in zip(
         WAYS, tuning.machines, tuning.axes, (palette.MARK, palette.RESPONSE), strict=True
@@ -105,7 +105,7 @@ def bode_figure(tuning: Tuning) -> Figure:
         plot.set_title(title, loc="left")
         plot.set_ylabel(label)
         plot.set_xlabel("frequency [Hz]")
-        plot.set_xlim(*SHOWN_Hz)
+        plot.set_xlim(*shown_Hz)
         plain_frequencies(plot)
     legend(gain, columns=2)
     return figure

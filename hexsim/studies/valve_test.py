@@ -13,7 +13,7 @@ valves whose spool position is measured.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
@@ -25,18 +25,7 @@ from hexsim.hydraulics import leg, ports, valve
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
 
 Array = NDArray[np.float64]
-
-
-class Signals(NamedTuple):
-    """Signals of a valve's test."""
-
-    amplitudes: tuple[float, float, float] = (0.05, 0.25, 1.0)  # of full signal
-    steps: tuple[float, ...] = (0.1, 0.25, 0.5, 1.0)  # of full signal
-    seal_m3_s_Pa: float = 1e-17  # [m3/s/Pa] of a blocked port, so that a dead band has a pressure: the middle one
-
-
-SIGNALS = Signals()
-
+SEAL_m3_s_Pa = 1e-17  # of a blocked port, so that a dead band has a pressure: the middle one
 FREQUENCIES_Hz = np.geomspace(1.0, 1000.0, 61)
 
 
@@ -110,9 +99,10 @@ def valve_test(
     cycle = slice(500, None)  # one closed loop from +1 to +1
     time = np.arange(0, 6.0 / max(p[P.SPOOL_OMEGA] / 10, 10.0), step_s)
     step = {
-        a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), step_s) / p[P.SPOOL_TRAVEL] for a in SIGNALS.steps
+        a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), step_s) / p[P.SPOOL_TRAVEL]
+        for a in (0.1, 0.25, 0.5, 1.0)
     }
-    bode = {a: _bode(p, a) for a in SIGNALS.amplitudes}
+    bode = {a: _bode(p, a) for a in (0.05, 0.25, 1.0)}
     test = ValveTest(
         signal=signal[cycle],
         reversal=reversal,
@@ -146,9 +136,7 @@ def _no_load_flow(p: Array, x: float, supply: float, tank: float) -> float:
 
         def net(pressure: float) -> float:
             return (
-                _port_a(p, x, pressure, supply)
-                + _port_b(p, x, pressure, supply)
-                + SIGNALS.seal_m3_s_Pa * (middle - pressure)
+                _port_a(p, x, pressure, supply) + _port_b(p, x, pressure, supply) + SEAL_m3_s_Pa * (middle - pressure)
             )
 
         middle = float(scipy.optimize.root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
@@ -169,7 +157,7 @@ def _blocked(p: Array, x: float, supply: float, tank: float) -> tuple[float, flo
 
     def rest(flow: Any) -> float:
         def net(pressure: float) -> float:
-            return flow(p, x, pressure, supply) + SIGNALS.seal_m3_s_Pa * (middle - pressure)
+            return flow(p, x, pressure, supply) + SEAL_m3_s_Pa * (middle - pressure)
 
         return float(scipy.optimize.root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
 

@@ -21,7 +21,6 @@ from hexsim.tracing import rules
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 
 Array = np.ndarray
-MEAN_S = 0.5 * HALF_WIDTH_S  # of the means: above 50 Hz nothing is predicted
 TURNS = 16  # of the null
 
 
@@ -58,7 +57,7 @@ def predicted(
 
     rests: a run (n_channels, n). signals: a run, name -> (n,). velocities: name -> (n,) of the direction of a signal.
     """
-    per = max(round(MEAN_S * rate), 1)
+    per = max(round(0.5 * HALF_WIDTH_S * rate), 1)  # above 50 Hz nothing is predicted
     rests = [means(rest, per) for rest in rests]
     signals = [{name: means(x, per) for name, x in run.items()} for run in signals]
     velocities = [{name: means(x, per) for name, x in run.items()} for run in velocities]

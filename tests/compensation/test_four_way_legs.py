@@ -23,7 +23,7 @@ LEGS = {
     "underlap of 10 um": PairLeg(overlap_m=-1e-5),
     "valve 6 ms late": PairLeg(valve_delay_s=6e-3),
 }
-DAILY = 3
+DAILY = 2
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ def test_a_sine_of_rare_packets_is_compensated(buffer_s: float, limit: float) ->
     assert made.peak(14.0, 17.8) <= limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass_kg", [40.0, 160.0])
 def test_what_a_twin_taught_acts_from_the_first_motion(mass_kg: float) -> None:
     """Start parameters of 30 s with other noise: the peak of the second reversal is less than a third of plain control's, those of the

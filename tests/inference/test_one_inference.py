@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from hexsim import HexsimError
-from hexsim.inference import contract
+from hexsim.inference import contract, verdict
 from hexsim.inference.held_out import held_out
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
 from hexsim.inference.spectrum import spectrum_of
-from hexsim.inference.verdict import changing, without_size
 
 N, RUNS = 600, 4
 
@@ -98,7 +97,7 @@ def test_a_number_that_runs_do_not_share_is_spread_and_said():
     made = fit(Linear("abc", x, y))
     assert 0.3 < made.error("a") < 1.2
     assert made.error("c") < 0.05
-    assert any(text.startswith("a is not the same") for text in changing(made))
+    assert any(text.startswith("a is not the same") for text in verdict.changing(made))
 
 
 def test_a_spectrum_is_that_of_the_noise():
@@ -201,7 +200,7 @@ def test_a_size_that_cannot_be_told_from_nothing_is_no_name():
     made = fit(Linear("abc", x, y))
     assert made.value("b") < 2.0 * made.error("b")
     steps: Any = [Step(candidate=One(name)) for name in "ab"]
-    [none] = without_size(steps, made)
+    [none] = verdict.without_size(steps, made)
     assert none.candidate.title == "b" and none.why.startswith("b cannot be told from 0")
 
 

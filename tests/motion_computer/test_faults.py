@@ -46,7 +46,6 @@ def result(fault: dict, **options) -> outcomes.Outcome:
 IN_CI = (
     "valve_stuck open",
     "spool_lag",
-    "position_sensor nan",
     "position_sensor frozen",
     "pressure_loss",
     "hose_burst",

@@ -96,7 +96,7 @@ def test_every_designed_motion_is_within_the_limits(name, largest):
     machine = MACHINES[name]
     family, made = motions.MotionFamily(machine, 20.0, largest=largest), set()
     low, high = np.transpose(family.bounds)
-    points = [*family.first_points(16), *np.random.default_rng(5).uniform(low, high, (40, len(low)))]
+    points = [*family.first_points(16), *np.random.default_rng(5).uniform(low, high, (20, len(low)))]
     for point in points:
         tables = family.scenario(point)
         if tables is None:

@@ -109,7 +109,7 @@ def drawn(rng):
     return changes, min(0.2, 0.15 * stroke / speed)
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.slow) if n % 2 else n for n in range(16)])
 def test_machines_of_any_size(bench, seed):
     """Valve opened, shut; then a pull of twice the load: collapse pressures of both chambers within 1 %, the rest within a
     thousandth of the void's length and 10 um.

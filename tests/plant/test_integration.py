@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hexsim import load_scenario
+from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
@@ -116,7 +116,6 @@ def test_tendon_model_is_the_fast_equal_of_full_legs(three_ways, other):
 
     Measured: heave 0.05 % and 0.14 %, roll 0.02 % and 0.18 %.
     """
-    from hexsim.smoothness import band_limit
 
     name, runs = three_ways
     axis, column, unit = CROSS[name]
@@ -124,7 +123,7 @@ def test_tendon_model_is_the_fast_equal_of_full_legs(three_ways, other):
     assert peak[other] == pytest.approx(peak["full"], rel=0.002)
     late = runs["full"].log["time_s"].to_numpy() >= 4.0
     time = runs["full"].log["time_s"].to_numpy()[late]
-    wave = {key: band_limit(time, run.log[column].to_numpy()[late]) for key, run in runs.items()}
+    wave = {key: smoothness.band_limit(time, run.log[column].to_numpy()[late]) for key, run in runs.items()}
     assert np.std(wave[other] - wave["full"]) < 0.005 * np.std(wave["full"])
 
 
@@ -135,14 +134,15 @@ def test_chosen_step_keeps_its_stated_error(name, axis, column):
     Measured (docs/results/step.md): 0.01 % and 0.004 %. Sensor noise would turn an error of 1 nm into a step of the
     sensor's resolution here and there.
     """
-    from hexsim.smoothness import band_limit
 
     scenario = dataclasses.replace(load_scenario("heave", duration_s=4.0), figures_from_s=2.0)
     machine = changed(load_machine(name), QUIET)
     chosen, fine = (simulate(machine, scenario, fast=True, timestep=step) for step in (None, 2e-5))
     assert chosen.summary["timestep_mean_s"] > 4e-4
     time = fine.log["time_s"].to_numpy()
-    waves = [band_limit(time, run.log[f"true_acceleration{column}_m_s2"].to_numpy()) for run in (chosen, fine)]
+    waves = [
+        smoothness.band_limit(time, run.log[f"true_acceleration{column}_m_s2"].to_numpy()) for run in (chosen, fine)
+    ]
     judged = (time > 0.04) & (time < 3.96)
     assert np.abs(waves[0] - waves[1])[judged].max() < 1e-3 * fine.summary["axes"][axis]["peak_band_m_s2"]
 

@@ -419,7 +419,7 @@ def read_text_log(text: bytes, path: Path):
     return readers.read_log(path)
 
 
-@pytest.mark.parametrize(("ending", "count"), [("parquet", 60), ("mat", 60), ("mf4", 6)])
+@pytest.mark.parametrize(("ending", "count"), [("parquet", 30), ("mat", 30), ("mf4", 6)])
 def test_damaged_binary_files_are_refused_or_read_without_a_traceback(table, tmp_path, ending, count, capfd):
     """Damaged files of each format: HexsimError or a log of finite values, and nothing on the error stream."""
     whole = tmp_path / f"whole.{ending}"

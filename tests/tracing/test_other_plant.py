@@ -40,7 +40,9 @@ def plant_of(folder: Path) -> other_plant.Plant:
         ("bench_hysteresis", {"valve_hysteresis": 0.04}),
     ],
 )
-@pytest.mark.parametrize("run", ["fit", "sweep", "validate"])
+@pytest.mark.parametrize(
+    "run", ["fit", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sweep", "validate"))]
+)
 def test_measured_bench_is_reproduced_to_its_sensor_noise(name, effects, run):
     """With the true parameters the difference to the measured log is white noise as declared: within 3 %, mean zero.
 
@@ -84,9 +86,9 @@ def test_steps_are_small_enough_for_the_acceleration():
 
 @lru_cache(maxsize=8)  # what all effects of a kind are held against is made once
 def measured_with(kind, effect=None):
-    """6 s of the machine with an effect at its typical strength, as measured."""
+    """3 s of the machine with an effect at its typical strength, as measured."""
     plant, _ = other_plant.true_machine(kind, 1, {} if effect is None else {effect: None})
-    true = other_plant.simulate(plant, "sweep" if kind == "bench" else "fit", 1, 6.0)
+    true = other_plant.simulate(plant, "sweep" if kind == "bench" else "fit", 1, 3.0)
     return other_plant.measured(plant, true, np.random.default_rng(0))
 
 

@@ -134,8 +134,9 @@ def test_power_take_off_gets_no_confident_name():
         assert all(fold.declared > 0 and fold.refit > 0 for fold in verdict.folds)
 
 
+@pytest.mark.slow
 @buoy_logs
-@pytest.mark.parametrize("right", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("right", [True, False])
 def test_power_take_off_has_a_relief_valve_and_oil_that_compresses(tmp_path, right):
     """What leaks and what compresses has one sign: then both are named in every fold, and each run held out has 40 % less at least.
     Declared the other way round the compressibility is no name, and the report says to check its sign."""

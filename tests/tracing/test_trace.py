@@ -19,9 +19,7 @@ def test_hysteresis_is_found(tmp_path):
     """bench_hysteresis: explained, by the spool's backlash alone, half width within 10 % of 0.04 V, and nothing worse
     than 1.3 times the noise (position 2 times) on the held-out sine. report.json and machine.toml are there and valid."""
     steps = []
-    result = hx.trace(
-        DATA / "bench_hysteresis", ["fit", "sweep"], progress=lambda step, share: steps.append((share, step))
-    )
+    result = hx.trace(DATA / "bench_hysteresis", ["fit"], progress=lambda step, share: steps.append((share, step)))
     out = result.to_folder(tmp_path / "out")
     report = json.loads((out / "report.json").read_text())
     assert report["verdict"] == "explained"

@@ -19,7 +19,6 @@ from hexsim.readers.text_table import MISSING, Table, find_table, records, secon
 
 SI_LETTER = re.compile(rb"(\d\.?)([numk])(?=[\s;,]|$)")
 SI_EXPONENT = {b"n": b"e-9", b"u": b"e-6", b"m": b"e-3", b"k": b"e3"}
-BLOCK = 50_000  # rows that are parsed at once where they are parsed cell by cell
 
 
 class TextReader(Reader):
@@ -225,6 +224,7 @@ class Cells:
     def one_by_one(self, text: str, raw: RawLog) -> pl.DataFrame:
         """Rows of the wrong length are dropped, cells that are no numbers become missing; both are counted and placed."""
         blocks: list[pl.DataFrame] = []
+        most = 50_000  # rows that are parsed at once
         rows: list[list[str]] = []
         bad_rows: list[int] = []
         failed: dict[str, list[tuple[int, str]]] = {name: [] for name in self.header}
@@ -241,12 +241,12 @@ class Cells:
                 bad_rows.append(number + raw.first_row)
                 row = [""] * width
             rows.append(row)
-            if len(rows) == BLOCK:
-                blocks.append(self.block(rows, len(blocks) * BLOCK, failed))
+            if len(rows) == most:
+                blocks.append(self.block(rows, len(blocks) * most, failed))
                 rows = []
-            if len(blocks) * BLOCK + len(rows) >= self.most:
+            if len(blocks) * most + len(rows) >= self.most:
                 break
-        blocks.append(self.block(rows, len(blocks) * BLOCK, failed))
+        blocks.append(self.block(rows, len(blocks) * most, failed))
         table = pl.concat(blocks)
         self.state(bad_rows, failed, table.height, raw)
         return table

@@ -34,7 +34,6 @@ from hexsim.tracing.balances.balance import (
 from hexsim.tracing.memory import latest
 
 Array = np.ndarray
-LEAST_FAST_RATE_HZ = 3.0 / SHORT_S  # of a log in which the oil's own motion can be seen: three samples in half a window
 FlowOf = Callable[[Array, MeasuredPoint], Array]
 LeftOf = Callable[[Array, MeasuredPoint, Array, Window], Array]
 OF_FORCE = (  # of a leg's row: no flow depends on it
@@ -237,7 +236,7 @@ class FastContinuity(Continuity):
         return () if machine.is_hexapod else (("valve", "pressure_bottom", "acceleration"),)
 
     def wants(self, log: Log, machine: Machine) -> bool:
-        return self.measurable(log, machine) and log.rate >= LEAST_FAST_RATE_HZ
+        return self.measurable(log, machine) and log.rate >= 3.0 / SHORT_S  # three samples in half a window
 
     def noise_gains(self, resolved: Resolved) -> Array:
         """In its noise already."""

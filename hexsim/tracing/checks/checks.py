@@ -22,7 +22,6 @@ from hexsim.tracing.checks.sensor_agreement import (
 from hexsim.tracing.checks.swapped import swapped_legs, swapped_pressures
 
 SHORT_s = rules.FEW * rules.REST_BLOCK_S  # shorter logs have too few independent blocks
-SLOW_Hz = 200.0  # below this rate valve and oil dynamics (20-110 Hz) cannot be seen
 AGAINST = "the second derivative of the positions"
 
 
@@ -58,7 +57,7 @@ def refuse_misleading(log: Log, machine: Machine) -> list[Finding]:
 def size_of_log(log: Log, machine: Machine) -> list[Finding]:
     """Rate and length."""
     found = []
-    if log.rate < SLOW_Hz:
+    if log.rate < 200.0:  # [Hz] below it valve and oil dynamics (20-110 Hz) cannot be seen
         found.append(
             loss(
                 channel="time_s",

@@ -16,7 +16,6 @@ from hexsim.tracing.fitting.parameters import Candidate
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
-HALVINGS = 8  # of a limit's range of six decades: to 6 %
 
 
 def limits_of(possible: Sequence[Candidate], fit: Fit) -> list[Candidate]:
@@ -37,7 +36,7 @@ def reached(fit: Fit, candidate: Candidate, problem: FitProblem, alarm: float) -
 
     low, high = size.bounds
     free = rests(high)
-    for _ in range(HALVINGS):
+    for _ in range(8):  # halvings of six decades: to 6 %
         middle = float(np.sqrt(low * high))
         shown = sum(float(np.sum((own - was) ** 2)) for own, was in zip(rests(middle), free, strict=True)) > alarm
         low, high = (middle, high) if shown else (low, middle)

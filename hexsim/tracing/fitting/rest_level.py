@@ -36,7 +36,6 @@ from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, pr
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
-DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)  # of a step, tried in turn until J falls
 STARTS = (1.0, rules.START, 2.0)  # sizes at which an effect may begin, besides that of its column
 LEAST_FALL = 1.0  # of J, for another step
 
@@ -179,7 +178,7 @@ def _step(fit: Fit, cost: float, columns: list[Array], problem: FitProblem) -> t
     coordinates, (low, high), lags = coordinates_of(fit), bounds_of(fit), lag_coordinates.lags_of(fit)
     turn, here = lag_coordinates.slopes(coordinates, lags), lag_coordinates.straight(coordinates, lags)
     A, b, (least, most) = turn.T @ A @ turn, turn.T @ b, lag_coordinates.straight_bounds(low, high, lags)
-    for damping in DAMPINGS:
+    for damping in (0.0, 0.1, 1.0, 10.0, 100.0):  # until J falls
         step = bounded(A + damping * np.diag(np.diag(A)), b, least - here, most - here)
         trial = evaluate(fit_at(fit, lag_coordinates.bent(here + step, lags, low, high)), problem)
         fall = cost - cost_of(trial, problem)

@@ -30,7 +30,6 @@ from hexsim.tracing.term_columns import CLOCKS, OwnBalance, Point, RunData, run_
 from hexsim.tracing.term_selection import residual, rms, solve_physical
 
 Array = np.ndarray
-STEP_SAMPLES = 0.5  # of finite differences: over whole samples a delay passes for a rate
 Sentences = dict[str, dict[str, str]]  # of a run and a channel
 
 
@@ -118,8 +117,8 @@ class Problem:
         return np.concatenate([r / s for r, s in zip(self.rests(lates, seconds)[0], sizes, strict=True)])
 
     def slopes(self, seconds: Array, lates: Sequence[Late], sizes: Sequence[float]) -> Array:
-        """Finite differences of `weighed` by every delay (m, n)."""
-        steps = np.diag([STEP_SAMPLES / self.points[late.run].log.rate for late in lates])
+        """Finite differences of `weighed` by every delay (m, n), over half a sample: over whole ones a delay passes for a rate."""
+        steps = np.diag([0.5 / self.points[late.run].log.rate for late in lates])
         middle = self.weighed(seconds, lates, sizes)
         return np.column_stack([(self.weighed(seconds + step, lates, sizes) - middle) / step.max() for step in steps])
 

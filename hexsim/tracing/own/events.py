@@ -14,7 +14,6 @@ from scipy.signal import find_peaks
 from hexsim.tracing import rules
 
 Array = np.ndarray
-CLEAR = 8.0  # times the usual difference of two means: a change of level
 MOST = 200  # events: more of them are no events
 
 
@@ -40,7 +39,7 @@ def events(time: Array, residual: Array, half: int) -> list[Event]:
     change = np.zeros(n)
     change[3 * half : 3 * half + len(means) - 4 * half] = means[4 * half :] - means[: -4 * half]
     usual = 1.4826 * float(np.median(np.abs(change[np.nonzero(change)]))) if np.any(change) else 0.0
-    peaks, _ = find_peaks(np.abs(change), height=max(CLEAR * usual, 1e-300), distance=4 * half)
+    peaks, _ = find_peaks(np.abs(change), height=max(8.0 * usual, 1e-300), distance=4 * half)
     if not 2 <= len(peaks) <= 2 * MOST:
         return []
     edges = [0, *peaks.tolist(), n]

@@ -28,7 +28,6 @@ from hexsim.tracing.own.expressions import formula, plain
 from hexsim.tracing.term_columns import OwnBalance, Point, Term, aligned, by_delay
 
 MODULE = "balances.py"
-LEAST_RUNS = 3  # to hold one out twice
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +107,7 @@ def short_window(log: Log, asked: Declaration) -> Window:
 
 def in_parts(points: Sequence[Point], sentences: dict[str, list[str]]) -> tuple[Point, ...]:
     """Three runs or more as they are; fewer cut into contiguous parts, which stand for runs."""
-    if len(points) >= LEAST_RUNS:
+    if len(points) >= 3:
         return tuple(points)
     found = []
     for point in points:

@@ -17,7 +17,6 @@ from hexsim.tracing.report.signals import SCALE, channel_words
 from hexsim.tracing.state import Trace
 
 STEP_COLOURS = (palette.DEVIATION, palette.MARK, palette.RESPONSE)  # declared, refitted, with effects
-ROOM = 1.5  # of the axis beyond the longest bar, for its figure
 
 
 def shows(row: Mapping[str, Any]) -> bool:
@@ -61,7 +60,7 @@ def waterfall(result: Trace) -> bytes:
         plot.barh(range(len(own)), drawn - low, left=low, color=colours, height=0.62)
         plot.axvline(scale * noise, color=palette.INK, lw=1.0, ls=":")
         plot.set_xscale("log")
-        plot.set_xlim(low, high * (high / low) ** (ROOM - 1.0))
+        plot.set_xlim(low, high * (high / low) ** 0.5)  # room beyond the longest bar, for its figure
         for k, (value, row) in enumerate(zip(drawn, own, strict=True)):
             shown_rms = scale * row["rms"] if np.isfinite(row["rms"]) else value
             text = f"{plain(shown_rms)} {unit}, {plain(row['multiple_of_noise'])} ×"

@@ -32,7 +32,6 @@ from hexsim.tracing.simulation.motion import (
 )
 from hexsim.tracing.simulation.rig import LOGGED_VOLTS, OWN_TRANSDUCER, Controller, Load, Rig, Sensors
 
-FOLLOW = 0.3  # of the gain: with all of it the noise of the logged position rings the oil, with less rounded volts let it drift
 DIVERGENCE_LIMIT = 1e3  # [m], [m/s], [rad/s] a load beyond it has diverged
 
 
@@ -138,7 +137,8 @@ def smoothed(sections, memory, value, begins):
 def asked_volts(controller, inputs, j, i, position):
     """Volts of leg j's loop at sample i for the position that it reads."""
     if controller.feedback == LOGGED_VOLTS:
-        volts = inputs.volts[j, i] + FOLLOW * controller.gain_V_per_m[j] * (inputs.position[j, i] - position)
+        # 0.3 of the gain: with all of it the noise of the logged position rings the oil, with less rounded volts let it drift
+        volts = inputs.volts[j, i] + 0.3 * controller.gain_V_per_m[j] * (inputs.position[j, i] - position)
     else:
         volts = controller.gain_V_per_m[j] * (inputs.setpoint[j, i] - position)
     return min(max(volts, -controller.limit_V[j]), controller.limit_V[j])

@@ -17,7 +17,6 @@ from hexsim.sensors.bank import low_pass
 from hexsim.signals.table import sensors
 
 Array = np.ndarray
-FILTER_SHARE = 0.45  # of the rate: a cut-off above it
 DECLARED_LOOP, LOGGED_VOLTS, OWN_TRANSDUCER = range(3)  # see `Controller`
 
 
@@ -136,7 +135,7 @@ def load_of(resolved: Resolved, loaded: bool = False) -> Load:
 
 def filter_of(resolved: Resolved, stem: str, rate_Hz: float) -> Array:
     """Sections (., 6) of a sensor's low-pass; none where it is declared without, or above what samples can show."""
-    fast = getattr(resolved.sensors, f"{sensors()[stem].filter}_Hz") >= FILTER_SHARE * rate_Hz
+    fast = getattr(resolved.sensors, f"{sensors()[stem].filter}_Hz") >= 0.45 * rate_Hz
     sections = None if fast else low_pass(sensors()[stem], resolved, 1.0 / rate_Hz)
     return np.zeros((0, 6)) if sections is None else sections
 

@@ -32,7 +32,6 @@ DRIVEN = {
     LOGGED_VOLTS: "the logged volts drive",
     OWN_TRANSDUCER: "the declared loop's setpoints, its position read by a transducer that is not logged, drive",
 }
-SLOWER = 0.95  # of the controller's rate, from which a log is slower than it: clocks differ by less
 
 
 def read_runs(
@@ -116,7 +115,7 @@ def with_additional_mass(machine: Machine, load_kg: float | None, loaded: Sequen
 def slower_than_controller(logs: Sequence[Log], machine: Machine) -> list[Finding]:
     """That logs show less than every tick of the controller, and what cannot be said then."""
     rate_Hz = float(machine.controller.rate_Hz)
-    slow = [log for log in logs if log.rate < SLOWER * rate_Hz]
+    slow = [log for log in logs if log.rate < 0.95 * rate_Hz]  # clocks differ by less
     if not slow:
         return []
     names, slowest = " and ".join(log.name for log in slow), min(log.rate for log in slow)

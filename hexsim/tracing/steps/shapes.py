@@ -31,10 +31,8 @@ from hexsim.tracing.steps.residuals import CHANNEL
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
-OCTAVES_Hz = (4.0, 8.0, 16.0, 32.0)  # of a payload's spring
 PLACES = 150  # along the stroke at which wear is looked for
 SEEN_FIRST = ("position_ripple",)  # without their shape they have no column
-SLOW_M_S = 0.01  # below it a ripple is slower than that window
 
 
 def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
@@ -112,7 +110,8 @@ def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> d
             beyond = sensed.y - np.cumsum(sensed.v) / log.rate
             beyond = (beyond - Window(log.rate, WIDE_S).mean(beyond))[own]
             places.append(sensed.y[own])
-            values.append(beyond * sensed.v[own] ** 2 / (sensed.v[own] ** 2 + SLOW_M_S**2))
+            slow_m_s = 0.01  # below it a ripple is slower than that window
+            values.append(beyond * sensed.v[own] ** 2 / (sensed.v[own] ** 2 + slow_m_s**2))
         pitch, phase, level = wave_along(np.concatenate(places), np.concatenate(values))
         if level > best[0]:
             best = (level, {"pitch_m": pitch, "phase_rad": phase})
@@ -201,7 +200,10 @@ def worth_screening(
 def with_octaves(possible: Sequence[Candidate]) -> list[Candidate]:
     """The candidates, a payload's spring at every octave besides: where the force balance holds, its rest shows no shape."""
     sprung = [c for c in possible if c.effect.name == "flexible_payload"]
-    return [*possible, *(replace(c, shape=c.shape | {"frequency_Hz": own}) for c in sprung for own in OCTAVES_Hz)]
+    return [
+        *possible,
+        *(replace(c, shape=c.shape | {"frequency_Hz": own}) for c in sprung for own in (4.0, 8.0, 16.0, 32.0)),
+    ]
 
 
 def propose(trace: Trace, tell: Tell) -> Trace:
