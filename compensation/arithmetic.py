@@ -22,10 +22,9 @@ def next_noise(noise, a, b, c, d, e):
 
     A step of 0.002 a reading knows the median to 3 %, and is twice as large after 0.7 s.
     """
-    median = abs(a - 4.0 * b + 6.0 * c - 4.0 * d + e) / (
-        0.6745 * 70.0**0.5
-    )  # of a normal noise: 0.6745 of its deviation
-    return noise * (1.002 if median > noise else 0.998)
+    usual = 0.6745 * 70.0**0.5 * noise  # median of a normal noise's
+    off = abs(a - 4.0 * b + 6.0 * c - 4.0 * d + e)
+    return noise * (1.002 if off > usual else 0.998)
 
 
 @compiled

@@ -6,13 +6,12 @@
 |---|---|
 | signals sound | those of the algorithm, within the valve's range |
 | a signal lost or frozen, the valve saturated | the last ones, faded to nothing within `FADE_TICKS` |
-| more than the declared valve can explain (volts_bound.py) | what it can explain; after 0.05 s of that as at a fault |
+| more than the declared valve can explain (volts_bound.py) | what it can explain; after `BEYOND_S` of that as at a fault |
 | the algorithm's volts or its state not finite | the last sound ones, faded as at a fault |
-| until the signals have been sound for `HOLD_OFF_S`, four times longer after each fault of the algorithm's own, half \
-an hour at most | none: plain \
+| until the signals have been sound for `HOLD_OFF_S`, four times longer after each fault of the algorithm's own | none: plain \
 control; the algorithm is not stepped |
 | after that | those of the algorithm, restarted with its parameters, or with nothing if the fault was its own; faded in over \
-a second |
+`RETURN_S` |
 """
 
 from __future__ import annotations
@@ -39,10 +38,23 @@ from .started import Started
 from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, USUAL_SPOOL_HZ
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
+FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a dead sensor
+# noises, rounding included, in a count: up to there a reading at rest repeats FROZEN_TICKS times in 0.02 % (erf(1.1/8^0.5)^10, 1.1 of
+# the noise without rounding)
+FINE = 1.05
 FROZEN_TRAVEL_M = (
     1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
 )
+FROZEN_MARGIN = (
+    2.0  # on the setpoint's travel over a dead band; a coarser reading repeats while the piston stands there
+)
+FROZEN_STROKE = 0.25  # of the stroke: the same of a coarse pressure, which only the load's changes move
+SATURATED_TICKS = 5  # after which a saturated valve is a fault
+SATURATED_SHARE = 0.999  # of the voltage range
 HOLD_OFF_S = 0.5  # of plain control after a fault
+RETURN_S = 1.0  # in which the algorithm's volts are faded in again
+# so long its volts may be bounded; each fault of its own holds it off so many times as long, up to the sixth: half an hour
+BEYOND_S, HOLD_OFF_RATIO, MOST_OWN_FAULTS = 0.05, 4, 6
 
 
 class Reason(IntEnum):
@@ -152,11 +164,9 @@ def start_guard(guard, sheet):
     frequency_Hz = sheet.spool_frequency_Hz if sheet.spool_frequency_Hz > 0.0 else USUAL_SPOOL_HZ
     guard.lead_gain = lead_gain(frequency_Hz, sheet.spool_damping)
     set_spool_model(guard.spool, sheet.spool_damping / (math.pi * frequency_Hz), sheet.tick_s, sheet.spool_damping)
-    # a coarse reading repeats while the piston stands in a dead band: twice the setpoint's travel over it; only the load's changes
-    # move a coarse pressure
-    standstill_m = 4.0 * sheet.edge_V / sheet.position_gain_V_per_m + 2.0 * sheet.position_resolution_m
+    standstill_m = FROZEN_MARGIN * 2.0 * sheet.edge_V / sheet.position_gain_V_per_m + 2.0 * sheet.position_resolution_m
     guard.position_travel_m = FROZEN_TRAVEL_M + standstill_m
-    guard.pressure_travel_m = 0.25 * sheet.stroke_m
+    guard.pressure_travel_m = FROZEN_STROKE * sheet.stroke_m
     guard.position.noise = sheet.position_noise_m
     guard.pressure.noise = guard.top_pressure.noise = sheet.pressure_noise_Pa
     guard.position.count = guard.pressure.count = guard.top_pressure.count = (
@@ -240,16 +250,16 @@ def accept(guard, added_V, forward_V, finite):
     else:
         bounded_V = _explained(guard, added_V, forward_V)
         guard.beyond_ticks = guard.beyond_ticks + 1 if bounded_V != added_V else 0
-        if guard.beyond_ticks * guard.tick_s > 0.05:
+        if guard.beyond_ticks * guard.tick_s > BEYOND_S:
             own = Reason.BEYOND
     if own != Reason.SOUND:
         guard.anew, guard.beyond_ticks = 1, 0
-        _fall_back(guard, own, HOLD_OFF_S * 4**guard.own_faults)
-        guard.own_faults = min(guard.own_faults + 1, 6)  # half an hour
+        _fall_back(guard, own, HOLD_OFF_S * HOLD_OFF_RATIO**guard.own_faults)
+        guard.own_faults = min(guard.own_faults + 1, MOST_OWN_FAULTS)
         _move_spool(guard, guard.output_V)
         return guard.output_V
     if guard.fade_in < 1.0:
-        guard.fade_in = min(1.0, guard.fade_in + guard.tick_s)  # over a second
+        guard.fade_in = min(1.0, guard.fade_in + guard.tick_s / RETURN_S)
         bounded_V *= guard.fade_in
     guard.output_V = bounded_V
     _move_spool(guard, bounded_V)
@@ -259,11 +269,7 @@ def accept(guard, added_V, forward_V, finite):
 @compiled
 def _frozen(reading, value, setpoint_m, coarse_m):
     """Takes the reading of this tick; whether it stands still although the setpoint moves: by FROZEN_TRAVEL_M where the noise moves its
-    last count, by `coarse_m` where it does not, whatever is declared: there it stands still with the piston, in a dead band.
-
-    With 1.05 noises in a count, rounding included, a reading at rest repeats ten times in 0.02 %: erf(1.1/8^0.5)^10, 1.1 of the noise
-    without rounding.
-    """
+    last count, by `coarse_m` where it does not, whatever is declared: there it stands still with the piston, in a dead band."""
     values = reading.values
     step = abs(value - values[0])
     push(values, value)
@@ -272,8 +278,8 @@ def _frozen(reading, value, setpoint_m, coarse_m):
         reading.repeated, reading.setpoint_m = 0, setpoint_m
         return False
     reading.repeated += 1
-    travel_m = FROZEN_TRAVEL_M if reading.count < 1.05 * reading.noise else coarse_m
-    return reading.repeated >= 10 and abs(setpoint_m - reading.setpoint_m) > travel_m
+    travel_m = FROZEN_TRAVEL_M if reading.count < FINE * reading.noise else coarse_m
+    return reading.repeated >= FROZEN_TICKS and abs(setpoint_m - reading.setpoint_m) > travel_m
 
 
 @compiled
@@ -296,11 +302,11 @@ def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
         return Reason.PRESSURE_FROZEN
     if top_Pa != 0.0 and _frozen(guard.top_pressure, top_Pa, setpoint_m, guard.pressure_travel_m):
         return Reason.PRESSURE_FROZEN
-    if abs(valve_V) < 0.999 * guard.voltage_max_V:
+    if abs(valve_V) < SATURATED_SHARE * guard.voltage_max_V:
         guard.saturated_ticks = 0
         return Reason.SOUND
     guard.saturated_ticks += 1
-    return Reason.VALVE_AT_END if guard.saturated_ticks >= 5 else Reason.SOUND
+    return Reason.VALVE_AT_END if guard.saturated_ticks >= SATURATED_TICKS else Reason.SOUND
 
 
 @compiled

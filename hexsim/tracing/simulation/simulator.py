@@ -54,13 +54,8 @@ def unknown_outputs(log: Log) -> dict[str, Array]:
 
 def answer_of(log: Log, rig: Rig, inputs: loop.Inputs, start: Array) -> Array:
     """`loop.answer`, read-only. The latest are kept while the log lives: refits begin where the last one ended."""
-    most = (
-        32
-        * 2**20
-        // (  # bytes: a refit's columns are asked for again by the next, weighed otherwise
-            log.n * start.itemsize * (4 * log.n_legs + 1 + len(rig.sensors.acceleration))
-        )
-    )
+    each = log.n * start.itemsize * (4 * log.n_legs + 1 + len(rig.sensors.acceleration))
+    most = 32 * 2**20 // each  # bytes: a refit's columns are asked for again by the next, weighed otherwise
     if most < 2:  # of a log of minutes
         return loop.answer(rig, inputs, start)
     return latest(log, "answer", (numbers_of(rig), start.tobytes()), lambda: loop.answer(rig, inputs, start), most)
