@@ -50,12 +50,10 @@ class Fit:
     misfit: list[Array]
     covariance: Array | None = None  # of coordinates: deviations in half widths, then effect numbers
     columns: list[Array] | None = None  # of the declared parameters, a log: (n_priors, n_channels, n)
-    neighbours: tuple[list[Array], list[float]] | None = (
-        None  # misfits and steps of `effect_neighbours` while a refit runs
-    )
-    alone: Array | None = (
-        None  # standard deviation of each coordinate if all others were known, (k,): the length of its steps
-    )
+    # misfits and steps of `effect_neighbours` while a refit runs
+    neighbours: tuple[list[Array], list[float]] | None = None
+    # standard deviation of each coordinate if all others were known, (k,): the length of the steps of a stated fit
+    alone: Array | None = None
 
     @property
     def reduced(self) -> float:

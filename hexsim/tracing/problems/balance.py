@@ -56,11 +56,11 @@ class BalanceProblem(FitProblem):
     simulation: SimulatedProblem | None = None
 
     def residual(self, machine: Machine, i: int) -> Array:
-        left = self._rows(machine, i, self.logs[i])
-        return left if self.simulation is None else left - self._rows(machine, i, self.simulation.simulated(machine, i))
+        def rows(log: Log) -> Array:
+            return np.concatenate([part.residual(log, machine, i, self.every(log)) for part in self.parts])
 
-    def _rows(self, machine: Machine, i: int, log: Log) -> Array:
-        return np.concatenate([part.residual(log, machine, i, self.every(log)) for part in self.parts])
+        own = 0.0 if self.simulation is None else rows(self.simulation.simulated(machine, i))
+        return rows(self.logs[i]) - own
 
     def beside_own_samples(self, simulation: SimulatedProblem) -> Self:
         """The problem with what each machine's own noise-free samples leave taken out, in the place of what one machine's do.
