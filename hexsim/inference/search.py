@@ -133,20 +133,18 @@ def one_round(
     compared: int,
     *,
     least_nats: float = 1.0,  # that a linear look must promise
-    n_tried: int = 4,  # candidates of a round that are fitted in full, and all near the best one, at most MOST_TRIED
+    n_tried: int = 4,  # candidates of a round that are fitted in full, and all near the best one or a named one, at most MOST_TRIED
 ) -> tuple[list[Judgment], int]:
     """Candidates that were fitted in full, the best first, and how many all rounds have compared. compared: the earlier ones."""
     ranked = screened(machine, chosen, now)
     compared += len(ranked)
     tell(f"{len(ranked)} candidates")
     near = ranked[0][0] - needed(compared) if ranked else 0.0
-    tried = [
-        one
-        for k, (nats, one) in enumerate(ranked)
-        if one.has_memory or (k < MOST_TRIED and nats > least_nats and (k < n_tried or nats > near))
-    ]
     judged = []
-    for candidate in tried:
+    for k, (promise, candidate) in enumerate(ranked):
+        close = k < MOST_TRIED and promise > least_nats and (k < n_tried or promise > near)
+        if not (candidate.has_memory or close):
+            continue
         tell(f"trying {candidate.title}")
         try:
             fitted, after = notes.attempt(
@@ -155,6 +153,8 @@ def one_round(
         except HexsimError:
             continue
         judged.append(judge(candidate, candidate.title, candidate.amplitude, fitted, held, after, compared))
+        # what promised more and did not keep it must not hide what ties with a name
+        near = min(near, promise - needed(compared)) if judged[-1].named else near
     judged.sort(key=lambda one: (not one.named, -one.nats))
     most = max((one.nats for one in judged if one.named), default=0.0)
     judged.sort(key=lambda one: (not one.named, one.count if most - one.nats < needed(one.compared) else math.inf))

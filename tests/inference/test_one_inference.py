@@ -168,6 +168,31 @@ def test_what_is_missing_is_named_and_nothing_where_nothing_lacks():
     assert sum(bool(search(Columns(np.random.default_rng(seed))).steps) for seed in range(20)) <= 1
 
 
+class Twins(Columns):
+    """As `Columns`, with a twin of b and three signals that are nothing."""
+
+    names = ("a", "b", "c", "cubic", "twin", "none1", "none2", "none3")
+
+    def __init__(self, rng):
+        super().__init__(rng, b=0.4)
+        self.x = [np.column_stack([one, one[:, 1], rng.standard_normal((N, 3))]) for one in self.x]
+
+    def problem(self, chosen):
+        names = ["a", *(one.title for one in chosen)]
+        return Linear(names, [one[:, [self.names.index(name) for name in names]] for one in self.x], self.y)
+
+
+def test_what_promises_more_and_does_not_keep_it_hides_no_tie(monkeypatch):
+    """Three signals promise most and are nothing; b and its twin come after them, the last one beyond those that are always fitted: it
+    is fitted as well, and the tie is said with its odds."""
+    order = [One("none1"), One("none2"), One("none3"), One("twin"), One("b")]
+    looked = iter([[(60.0 - 10.0 * min(k, 3) - 0.1 * k, one) for k, one in enumerate(order)]])
+    monkeypatch.setattr("hexsim.inference.search.screened", lambda *_: next(looked, []))
+    [step] = search(Twins(np.random.default_rng(4))).steps
+    assert {step.title, *(one.split(",")[0] for one in step.tied)} == {"b", "twin"}
+    assert step.tied[0].endswith("odds 1 to 1.0")
+
+
 def test_a_name_beside_which_something_is_left_is_no_name():
     """Where the cube of b's signal is missing b gains and is not named, for a free form finds more at its place, or takes its own gain
     from another one. Where b itself is missing beside a cube at another place, b stands: with the form it still earns its place."""

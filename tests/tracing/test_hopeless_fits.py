@@ -67,7 +67,7 @@ def test_a_fit_that_reaches_the_noise_is_the_same_with_the_rule(opening):
     """The leak that is there, begun at half its typical size: at the noise, its number within half a standard error."""
     begun = hypothesis("leakage_supply_to_chamber", opening)
     whole, ended = (
-        least_squares.refine(begun, opening, fresh=True),
+        least_squares.refine(begun, opening, stated=True),
         least_squares.refine(begun, opening, fresh=True, worth=worth),
     )
     assert selection.residual_at_noise_level(whole.misfit)
@@ -98,6 +98,6 @@ def test_what_is_needed_stays_and_what_is_not_goes(opening):
     """Of a spring and the leak that is there the spring is superfluous; the refit without the leak ends early, and the leak stays."""
     leak, spring = named("leakage_supply_to_chamber"), named("spring")
     both = least_squares.with_effects(hypothesis("spring", opening), [leak], 0.5, opening)
-    fit = least_squares.refine(both, opening, fresh=True)
+    fit = least_squares.refine(both, opening, stated=True)
     assert fit.candidates == (spring, leak) and selection.residual_at_noise_level(fit.misfit)
     assert selection.pruned(fit, opening).candidates == (leak,)

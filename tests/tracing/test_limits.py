@@ -30,7 +30,7 @@ def ended_with_a_lag(folder: Path, effects: dict[str, float]) -> tuple[state.Tra
     lag = {"frequency_Hz": 800.0, "damping": 1.0}
     fit = replace(trace.base, candidates=(named("spool_lag"),), values=(lag,))
     return trace, least_squares.refine(
-        least_squares.start_fit_at(fit, trace.fit_problem), trace.fit_problem, fresh=True
+        least_squares.start_fit_at(fit, trace.fit_problem), trace.fit_problem, stated=True
     )
 
 

@@ -63,7 +63,7 @@ def test_a_refit_comes_to_the_end_of_a_valley():
         n=0,
         misfit=[],
     )
-    found = least_squares.refine(least_squares.evaluate(begun, problem), problem, fresh=True)
+    found = least_squares.refine(least_squares.evaluate(begun, problem), problem, stated=True)
     off, error = found.values[0]["volume_fraction"] - AIR, found.standard_errors()[0]["volume_fraction"]
     assert abs(off) < min(0.01 * AIR, 4.0 * error)
     steps = ((1e-6 * TRUE_PA, 0.0), (0.0, 1e-6 * AIR))

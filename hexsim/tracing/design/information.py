@@ -262,7 +262,7 @@ class OpenRefits:
         """The promise as the trace will judge the motion: all hypotheses refitted to the logs and to it, with its noise."""
         whole = self.rehearsal(log)
         first, *others = in_parallel(
-            lambda one: refine(start_fit_at(one.fit, whole), whole, fresh=True), self.hypotheses
+            lambda one: refine(start_fit_at(one.fit, whole), whole, stated=True), self.hypotheses
         )
         left = {
             (self.labels[0], label): max(other.chi2 - first.chi2, 0.0)

@@ -50,12 +50,10 @@ class Fit:
     misfit: list[Array]
     covariance: Array | None = None  # of coordinates: deviations in half widths, then effect numbers
     columns: list[Array] | None = None  # of the declared parameters, a log: (n_priors, n_channels, n)
-    neighbours: tuple[list[Array], list[float]] | None = (
-        None  # misfits and steps of `effect_neighbours` while a refit runs
-    )
-    alone: Array | None = (
-        None  # standard deviation of each coordinate if all others were known, (k,): the length of its steps
-    )
+    # misfits and steps of `effect_neighbours` while a refit runs
+    neighbours: tuple[list[Array], list[float]] | None = None
+    # standard deviation of each coordinate if all others were known, (k,): the length of the steps of a stated fit
+    alone: Array | None = None
 
     @property
     def reduced(self) -> float:
@@ -205,21 +203,21 @@ def refine(
     tolerance: float = 0.5,
     relative: float = 0.0,
     fresh: bool = False,
+    stated: bool = False,
     worth: Callable[[Fit, float], bool] | None = None,
 ) -> Fit:
     """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance`, or by less than the share
     `relative` of the excess; a step that promises less is not tried.
 
-    fresh: make the columns of the declared parameters anew where they have become poor, and before the last step; such a fit
-    that nothing ends early is stated.
+    fresh: make the columns of the declared parameters anew where they have become poor, and before the last step. stated: its
+    numbers are told to people: fresh, and by steps of standard deviations.
     worth: is a fit worth a step that promises so much, as the last one kept its promise?
     """
     if not fit.priors and not fit.candidates:
         return fit
-    if exact := fresh and worth is None and relative == 0.0:
-        fit = replace(
-            fit, columns=None, neighbours=None, alone=np.full(len(coordinates_of(fit)), 0.1 * rules.LEAST_STEP)
-        )
+    if stated:
+        alone = np.full(len(coordinates_of(fit)), 0.1 * rules.LEAST_STEP)
+        fresh, fit = True, replace(fit, columns=None, neighbours=None, alone=alone)
     fit = parameter_columns(fit, problem) if fit.columns is None else fit
     damping, age, trust = 0.0, 0, 1.0
     A, scores = np.zeros((0, 0)), np.zeros((0, 0))
@@ -244,7 +242,7 @@ def refine(
         stale = fresh and age > 0
         gain = 0.0 if better is None else _cost(fit) - _cost(better)
         fit, trust = better or fit, min(gain / max(first, 1e-300), 1.0)
-        fit = replace(fit, alone=np.maximum(np.diag(A), 1e-300) ** -0.5) if exact else fit
+        fit = replace(fit, alone=np.maximum(np.diag(A), 1e-300) ** -0.5) if stated else fit
         if gain < least and not stale:
             break
         age += 1
@@ -308,12 +306,10 @@ def _step(fit: Fit, A: Array, b: Array, damping: float) -> tuple[Array, Array]:
     upper = np.maximum(upper, lower + 1e-12)
     solution = lsq_linear(root.T, target, bounds=(lower * scale, upper * scale), method="bvls", tol=1e-12)
     step = solution.x / scale
-    there = here + step
-    for k, (prior, share) in enumerate(zip(fit.priors, 1.0 + fit.deviations, strict=True)):
-        if fit.alone is not None and prior.key == "bulk_modulus_Pa":  # it trades with other springs along its inverse
-            softer = max(1.0 - step[k] * prior.half_width / share, 0.5)
-            there[k] = np.clip((share / softer - 1.0) / prior.half_width, -1.0, 1.0)
-    return there, step
+    if fit.alone is None:
+        return here + step, step
+    straight = [prior.after(*pair) for prior, *pair in zip(fit.priors, here[:m], step[:m], strict=True)]
+    return np.concatenate([straight, (here + step)[m:]]), step
 
 
 def fit_at(fit: Fit, coordinates: Array) -> Fit:

@@ -67,7 +67,7 @@ def without_each(
 ) -> Array:
     """Scores of blocks so few that each has drawn the fit towards itself (n_blocks, k): A (A - X'X)^-1 X'r is how far the fit
     moves without it, as A moves it. Of blocks all alike that is n/(n - 1) times X'r. Times Student's t beyond two errors."""
-    scale = 1.0 / np.sqrt(np.diag(A))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
     moved = []
     for X, r in blocks_of(columns, misfit, problem, block_s):
         left = (A - X @ X.T) * scale[:, None] * scale

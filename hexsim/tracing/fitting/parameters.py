@@ -33,6 +33,15 @@ class Prior:
     declared: float
     half_width: float
 
+    def after(self, here: float, step: float) -> float:
+        """Coordinate [half widths] after a step along that in which its answer is straight: of oil, which trades with other
+        springs, the compliance."""
+        if self.key != "bulk_modulus_Pa":
+            return here + step
+        share = 1.0 + here * self.half_width
+        softer = max(1.0 - step * self.half_width / share, 0.5)
+        return min(max((share / softer - 1.0) / self.half_width, -1.0), 1.0)
+
 
 def priors(machine: Machine) -> tuple[Prior, ...]:
     """The [uncertainty] table with the place of each key. Raises HexsimError for a key that is nowhere."""

@@ -32,17 +32,12 @@ Array = np.ndarray
 
 def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine: Machine) -> BalanceProblem:
     """All balances of all logs as one problem. machine: what the noise-free simulation runs on."""
-    log = problem.logs[0]
-    names = list(dict.fromkeys(line.name for line in lines))
-    names = [name for name in names if not balance_named(name, machine).shared_out]
-    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
-    parts = []
-    for name in names:
-        balance = balance_named(name, machine)
-        sigma = next(line.all_sigma for line in lines if line.name == name)
-        clean = tuple(np.nan_to_num(used(own, balance.residual(own, machine))) for own in quiet)
-        rows = tuple(range(len(balance.places(log))))
-        parts.append(BalanceRows(balance=balance, sigma=sigma, rows=rows, clean=clean))
+    quiet, parts = [problem.simulated(machine, i) for i in range(len(problem.logs))], []
+    for own, sigma in {balance_named(line.name, machine): line.all_sigma for line in lines}.items():
+        if not own.shared_out:
+            clean = tuple(np.nan_to_num(used(log, own.residual(log, machine))) for log in quiet)
+            rows = tuple(range(len(own.places(problem.logs[0]))))
+            parts.append(BalanceRows(balance=own, sigma=sigma, rows=rows, clean=clean))
     return BalanceProblem(logs=problem.logs, parts=tuple(parts), thin_s=HALF_WIDTH_S)
 
 

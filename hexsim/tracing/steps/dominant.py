@@ -276,7 +276,7 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     trace = replace(trace, hidden=found.hidden, rest=rest, rest_problem=found.problem)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
-    fit = replace(found.best.fit, covariance=rest_level.covariance_of(found.best, found.problem))
+    fit = stated_of(found, trace)
     final = replace(start_fit_at(fit, trace.fit_problem), covariance=fit.covariance)
     final, named, said = named_by_simulation(final, found.named, trace, tell)
     trace = replace(trace, refused=(*trace.refused, *said))
@@ -289,6 +289,17 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     words = "; ".join(f"{own.label} takes {own.share:.0%} of the rest, {own.unseen:.0%} held out" for own in named)
     decided = "; ".join((words, *said))
     return replace(trace, final=final, verdict="partly", effects=effects, ties=[{} for _ in effects], decided=decided)
+
+
+def stated_of(found: Sure, trace: Trace) -> Fit:
+    """What is named, with its errors; of a bench on which anything named acts late refitted `beside_own_samples`, where it can be
+    simulated (of a hexapod each column would take a second)."""
+    best, problem = found.best, found.problem
+    if not trace.machine.is_hexapod and any(map(acts_late, effects_of(best.fit))):
+        own = problem.beside_own_samples(trace.fit_problem)
+        start = start_fit_at(best.fit, own)
+        best, problem = (rest_level.refined(start, own), own) if np.isfinite(start.chi2) else (best, problem)
+    return replace(best.fit, covariance=rest_level.covariance_of(best, problem))
 
 
 def named_by_simulation(

@@ -112,7 +112,7 @@ def may_come_near(fit: Fit, fall: float, share: float) -> bool:
 def fitted_from(fits: Sequence[Fit], problem: SimulatedProblem) -> Fit | None:
     """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate."""
     start = min((start_fit_at(fit, problem) for fit in fits), key=lambda fit: fit.chi2)
-    return refine(start, problem, fresh=True) if np.isfinite(start.chi2) else None
+    return refine(start, problem, stated=True) if np.isfinite(start.chi2) else None
 
 
 def refit_with_own_input_uncertainty(trace: Trace) -> Trace:
@@ -126,7 +126,7 @@ def refit_with_own_input_uncertainty(trace: Trace) -> Trace:
     own, held_out = (
         q.with_input_uncertainty(final.fitted_machine()) for q in (trace.fit_problem, trace.validate_problem)
     )
-    fit = pruned(refine(start_fit_at(final, own), own, fresh=True), own)
+    fit = pruned(refine(start_fit_at(final, own), own, stated=True), own)
     if not residual_at_noise_level(fit.misfit):
         return trace
     base = refine(start_fit_at(trace.base, own), own, fresh=True, relative=rules.BASE_TOLERANCE)

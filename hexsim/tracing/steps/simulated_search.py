@@ -49,7 +49,7 @@ def search_by_simulation(trace: Trace, tell: Tell) -> Trace:
     if found.stages:
         trace = replace(trace, screening=found.stages[0].lines, screened=trace.base.n)
     if not final.candidates or information(found.best) < information(final):
-        best = refine(found.best, trace.fit_problem, fresh=True)
+        best = refine(found.best, trace.fit_problem, stated=True)
         trace = replace(trace, search=found, final=pruned(best, trace.fit_problem))
     trace = refit_with_own_input_uncertainty(trace)
     return replace(trace, decided=f"{hypothesis_words(trace.final)}: chi2 {trace.final.reduced:.3g} a sample")
