@@ -6,7 +6,7 @@ volts              those that make the identified leg follow it (inverse.py), le
 engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE, sums over a platform's legs, and the misfit is no more
                    than KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e the
                    one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last
-                   half strokes, by what is known now; d what the model lacks. It leaves where b^2 + PERCEIVED^2 < e^2 + f^2 + d^2,
+                   half strokes, by what is known now; d what the model lacks. It leaves where e^2 + f^2 + d^2 are that share,
                    and a leg with start parameters stays by that rule from its first motion on
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
@@ -69,8 +69,9 @@ RAMP_S = 0.15  # in which the volts and the probe come in; the demanded motion i
 LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
 # in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
 LEAVE_S = 1.5
-# of bump^2 in bump^2 + doubt^2 + left^2 + lacking^2, from which it engages: above 1/2 a smaller bump is expected. On 20 drawn legs 0.5,
-# 0.65 and 0.8 made the same one reversal of 674 worse, and legs with much doubt engaged below 0.8 alone
+# of bump^2 in bump^2 + doubt^2 + left^2 + lacking^2, from which it engages, and of the others, from which it leaves: above 1/2 a smaller
+# bump is expected, and a change of sides is felt. On 20 drawn legs 0.5, 0.65 and 0.8 made the same one reversal of 674 worse, and legs
+# with much doubt engaged below 0.8 alone
 LEAST_SHARE = 0.65
 # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
 PERCEIVED_m_s2 = 0.015
@@ -465,8 +466,9 @@ def tick_of(
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
-        # what is not felt is no gain to come in for, and no harm to leave for
-        wants = bump2 + felt2 > doubt2 if stays else bump2 > LEAST_SHARE * (bump2 + doubt2 + felt2)
+        # a change of sides is felt: the other one's bump must be the smaller one by that share, what is not felt aside
+        larger2 = doubt2 if stays else bump2
+        wants = (larger2 > LEAST_SHARE * (bump2 + doubt2 + felt2)) != stays
     step = settings.tick_s / RAMP_S
     doubted = s.share == 0.0 and e.halves > 0 and knows and not wants
     s.probe.level = min(max(s.probe.level + (step if doubted else -step), 0.0), 1.0)
