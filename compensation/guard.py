@@ -39,9 +39,9 @@ from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, USUAL_SPOOL_HZ
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
 FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a dead sensor
-# noises, rounding included, in a count: up to there a reading at rest repeats FROZEN_TICKS times in 0.02 % (erf(1.1/8^0.5)^10, 1.1 of
-# the noise without rounding)
-FINE = 1.05
+# noises, rounding included, in a count: up to there a reading at rest repeats FROZEN_TICKS times in 0.04 % (erf(1.22/8^0.5)^10, 1.22 of
+# the noise without rounding); a tenth of it is what counts leave open of the noise
+FINE = 1.15
 FROZEN_TRAVEL_M = (
     1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
 )
@@ -270,24 +270,19 @@ def accept(guard, added_V, forward_V, finite):
 def _frozen(reading, value, setpoint_m, coarse_m):
     """Takes the reading of this tick; whether it stands still although the setpoint moves: by FROZEN_TRAVEL_M where the noise moves its
     last count, by `coarse_m` where it does not, whatever is declared: there it stands still with the piston, in a dead band."""
-    values = reading.values
-    step = abs(value - values[0])
-    push(values, value)
+    x = reading.values
+    step = abs(value - x[0])
+    push(x, value)
+    slow = abs(x[0] - x[4]) < 4.0 * max(reading.noise, reading.count)  # a clock that jitters is noise in motion alone
+    if slow and reading.repeated < FROZEN_TICKS:
+        reading.noise = next_noise(reading.noise, x[0], x[1], x[2], x[3], x[4])
     if step > 0.0:
-        _learn_noise(reading, step)
+        reading.count = min(reading.count, step)
         reading.repeated, reading.setpoint_m = 0, setpoint_m
         return False
     reading.repeated += 1
     travel_m = FROZEN_TRAVEL_M if reading.count < FINE * reading.noise else coarse_m
     return reading.repeated >= FROZEN_TICKS and abs(setpoint_m - reading.setpoint_m) > travel_m
-
-
-@compiled
-def _learn_noise(reading, step):
-    """Of a reading that has changed by `step`: its count and its noise."""
-    x = reading.values
-    reading.count = min(reading.count, step)
-    reading.noise = next_noise(reading.noise, x[0], x[1], x[2], x[3], x[4])
 
 
 @compiled

@@ -19,6 +19,7 @@ FELT_HZ = 60.0  # corner of the low pass, of second order: above the band in whi
 # [m/s2, m/s, m, V]: two thirds of what is just perceived (step.PERCEIVED_m_s2); what is not felt; a narrow dead band from edge to edge
 WEIGHTS = (1e-2, 1e-3, 1e-4, 9e-2)
 TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
+SETTLED = 4.0  # cost of residuals of a quarter of their units: below, the next step has what this one leaves
 LEAST_GAIN = 0.1  # of the cost, by a step: a third of the unit of one residual, 0.003 m/s2
 BLUNT = 0.4  # of the half dead band, for the derivatives of the last tick
 LEAST_BLUNT_V = 2e-3  # where there is no dead band: a few steps of a 14-bit output of 10 V
@@ -187,7 +188,7 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
             forward(L, AHEAD, step)
             for a in range(AHEAD):
                 promised += step[a] * step[a]
-            if promised < LEAST_GAIN:
+            if promised < LEAST_GAIN and cost < SETTLED:
                 break
             backward(L, AHEAD, step)
             for share in SHARES:
@@ -200,7 +201,9 @@ def _solve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_
                     better = True
                     break
         if better:
-            done = abs(promised - (cost - c2)) < LEAST_GAIN  # then little is left either
+            done = cost - c2 < 1e-3 * cost or (
+                c2 < SETTLED and abs(promised - (cost - c2)) < LEAST_GAIN
+            )  # then little is left
             cost = c2
             _take(U, r, path, U2, r2, path2)
             if done:

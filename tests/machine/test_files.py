@@ -67,13 +67,13 @@ def test_folder_without_a_machine_file_says_so(tmp_path):
 
 
 def test_file_that_is_no_toml_names_file_and_line(tmp_path):
-    """A broken line is told with its number."""
+    """A broken line is told with its number, and another encoding than UTF-8 by name."""
     path = tmp_path / "machine.toml"
     path.write_text('[machine]\nname = "x\n')
     with pytest.raises(HexsimError, match=r"machine.toml is not valid TOML: .*line 2"):
         load_machine(path)
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(HexsimError, match=r"machine.toml is not valid TOML"):
+    with pytest.raises(HexsimError, match=r"machine.toml is no text in UTF-8"):
         load_machine(path)
 
 
