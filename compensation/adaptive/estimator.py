@@ -70,9 +70,10 @@ LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of o
 STAGE_GAIN = 1.0  # the same before the last stage: one standard deviation of one number, in a noise that is too large
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
-KNOWN_LEG = 4.0  # misfit from which the leg is not one that the model knows: residuals twice the noise. Below, doubt grows with it
+# misfit from which the leg is not one that the model knows: what it lacks is as much as the noise. Below, doubt grows with it; of all
+# windows but one, also that from which other minima are tried. With 4, legs of too slow a spool engaged with 15 times the bump
+KNOWN_LEG = 2.0
 CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the noise throughout
-TRIED_MISFIT = 2.0  # misfit of all windows but one from which other minima are tried: as much beside the noise as noise
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
 NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside the noise as noise
 # Other minima that are tried about what was found, in turn: a stiffer bristle; a spool that has all of the valve's lag, which is known
@@ -756,7 +757,7 @@ def _settle(s):
     if fit.seen > fit.tries_seen + WINDOWS and BETTER * (fit.throughout - 1.0) > fit.tried - 1.0:
         fit.tries, fit.tries_seen = 0, fit.seen
     stays = fit.best.cost > BETTER * fit.first_cost
-    if fit.throughout > TRIED_MISFIT and stays and fit.count == WINDOWS and fit.tries < TRIES:
+    if fit.throughout > KNOWN_LEG and stays and fit.count == WINDOWS and fit.tries < TRIES:
         fit.settled, fit.tried = 0, fit.throughout
         _begin_try(s)
 
