@@ -35,8 +35,8 @@ class CheckedFiles(caching.IndexDataCacheFile):
 
     def _load_data(self, name: str) -> Any:
         content = Path(self._data_path(name)).read_bytes()
-        code, digest = content[: -hashlib.sha256().digest_size], content[-hashlib.sha256().digest_size :]
-        if hashlib.sha256(code).digest() != digest:
+        size = hashlib.sha256().digest_size
+        if hashlib.sha256(content[:-size]).digest() != content[-size:]:
             raise OSError(f"{name} was cut short or changed")  # numba's own sign of an absent file
         return super()._load_data(name)
 

@@ -479,7 +479,7 @@ def step_together(compensators: Sequence[Compensator], states: Sequence[GuardSta
     """What steps these legs in one call: None where they are not one algorithm behind guards. Start parameters are each leg's own."""
     bare = [one.inner if isinstance(one, Started) else one for one in compensators]
     guarded = bare[0] if bare else None
-    if not isinstance(guarded, Guarded) or any(other is not guarded and other != guarded for other in bare):
+    if not isinstance(guarded, Guarded) or any(other != guarded for other in bare):
         return None
     return GuardedLegs(guarded, states)
 

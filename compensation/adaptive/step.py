@@ -456,7 +456,7 @@ def tick_of(
     _expect(s, volts, left, setpoint_m, forward_V)
     _doubt(s, s.past.ticks % HALVES)
     stays = s.share > 0.0 or _goes_on(s)
-    knows = s.known.changed == 0 if stays else is_known_leg(s.known.chi2)
+    knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
     # half strokes: one each way, where neither an earlier run nor other legs tell
     seen = 1 if s.fit.restored or s.platform or s.share > 0.0 else 2

@@ -391,6 +391,14 @@ def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
     assert bumps[1] < bumps[0] / 2, bumps
 
 
+def test_start_parameters_of_a_leg_that_was_not_known_wait(compensated) -> None:
+    """Start parameters with a misfit of 3, of a run in which the leg was none that the model knows: nothing is added before the leg's
+    own motion has said more."""
+    made, leg, done, _ = compensated
+    state = made.restore(Context(period_s=4.0), made.parameters(done.state) | {"chi2": [3.0, 1.0]})
+    assert not run(made, leg, setpoint=sine(0.05, 0.25), duration_s=1.0, state=state, seed=5).added_V.any()
+
+
 VARIED = {
     "overdamped spool": {"damping": 1.3},
     "slow spool": {"spool_Hz": 35.0},
