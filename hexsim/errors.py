@@ -20,6 +20,10 @@ class HexsimError(Exception):
         super().__init__("".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in sentence))
 
 
+class Interrupted(HexsimError):
+    """The user ended it: one sentence that says what is kept. The command line's exit code is a shell's, 130."""
+
+
 def shortened(text: str, length: int = SHOWN) -> str:
     """The text, or its beginning and how long it is."""
     return text if len(text) <= length else f"{text[:length]}... ({len(text)} characters)"

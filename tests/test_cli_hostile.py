@@ -160,10 +160,10 @@ def test_an_interrupted_qualification_says_so(tmp_path, monkeypatch):
     """Ctrl-C in a motion test is no word on the machine."""
     monkeypatch.chdir(tmp_path)
 
-    class Interrupted:
-        complete, reason = False, "interrupted by the user at t = 0.1 s"
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr("hexsim.qualification.rig.simulate", lambda *args, **kwargs: Interrupted())
+    monkeypatch.setattr("hexsim.plant.plant.Plant.check", interrupt)
     result = CliRunner().invoke(app, ["qualify", "-m", "bench", "--quick", "--out", "q"])
     assert result.exit_code == 130 and "interrupted by the user" in result.stderr and "survive" not in result.stderr
     assert list(tmp_path.iterdir()) == []

@@ -1,6 +1,7 @@
 """Compensators side by side: same motion, same noise, one folder."""
 
 import json
+from types import SimpleNamespace
 
 import polars as pl
 import pytest
@@ -74,20 +75,15 @@ def test_a_diverged_run_stays_in_the_comparison(runs):
 
 
 def test_an_interruption_ends_the_comparison(monkeypatch):
-    """After Ctrl-C in the first run the second is not begun."""
-    begun = []
-
-    class Interrupted:
-        complete, reason = False, "interrupted by the user at t = 0.1 s"
-
-    def simulate(*args, compensator, **kwargs):
-        begun.append(compensator)
-        return Interrupted()
-
-    monkeypatch.setattr("hexsim.studies.compare.simulate", simulate)
-    assert (
-        list(comparing.compare(load_machine("bench"), load_scenario("heave"), ["none", "exact"])) == begun == ["none"]
-    )
+    """After Ctrl-C in the first run the second is not begun; a run that failed ends nothing, whatever its reason says."""
+    for interrupted, reason, begun in (
+        (True, "stopped at t = 0.1 s", ["none"]),
+        (False, "payload interrupted.fmu says: interrupted (at t = 0.1 s)", ["none", "exact"]),
+    ):
+        ended = SimpleNamespace(complete=False, interrupted=interrupted, reason=reason)
+        monkeypatch.setattr("hexsim.studies.compare.simulate", lambda *args, ended=ended, **kwargs: ended)
+        runs = comparing.compare(load_machine("bench"), load_scenario("heave"), ["none", "exact"])
+        assert list(runs) == begun
 
 
 def test_signals_carry_the_compensators_name(runs):

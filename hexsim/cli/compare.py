@@ -10,7 +10,7 @@ import typer
 from hexsim.cli import completion, options
 from hexsim.cli.console import output, print_json, progress, step_of, terminated_like_interrupted, text_table
 from hexsim.cli.errors import FULL
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, Interrupted
 from hexsim.files.formats import LogFormat
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def compare(
     from hexsim.scenarios.resources import check_resources
     from hexsim.scenarios.settings import machine_in
     from hexsim.studies.compare import compare as run_all
-    from hexsim.studies.compare import comparison_tables, interrupted, names_of, write_comparison
+    from hexsim.studies.compare import comparison_tables, names_of, write_comparison
 
     with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
     names = names_of(compensators, with_machine)
@@ -73,14 +73,14 @@ def compare(
                 if isinstance(error, OSError) and error.errno not in FULL:
                     raise
                 raise HexsimError(f"{error}; what could be kept is in {folder.finish(complete=False)}") from None
-        ended = next((run for run in runs.values() if interrupted(run)), None)
+        ended = next((run for run in runs.values() if run.interrupted), None)
         place = folder.finish(complete=ended is None)
     if json:
         print_json(comparison_tables(runs))
     else:
         print_comparison(runs, str(place))
     if ended is not None:
-        raise HexsimError(f"{ended.reason} with {ended.compensator}; what was done is in {place}")
+        raise Interrupted(f"{ended.reason} with {ended.compensator}; what was done is in {place}")
 
 
 def print_comparison(runs: Mapping[str, Run], place: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from hexsim.errors import HexsimError, shortened
+from hexsim.errors import HexsimError, Interrupted, shortened
 
 EXIT_CODE = 2  # of every refusal, as Click's own
 INTERRUPTED = 130  # as a shell gives it
@@ -63,7 +63,7 @@ class SentenceGroup(TyperGroup):
             return result
         except HexsimError as error:
             say(str(error))
-            code = INTERRUPTED if str(error).startswith("interrupted") else EXIT_CODE
+            code = INTERRUPTED if isinstance(error, Interrupted) else EXIT_CODE
         except UsageError as error:
             if "extra argument" in error.message and any(
                 word in sys.argv for word in ("--compensators", "-c", "--set")

@@ -22,7 +22,7 @@ from hexsim.cli.console import (
 )
 from hexsim.cli.errors import FULL
 from hexsim.cli.sweep import sweep
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, Interrupted
 from hexsim.files.formats import LogFormat
 
 if TYPE_CHECKING:
@@ -142,7 +142,8 @@ def run(
     if looker:
         play(done, looker)
     if not done.complete:
-        raise HexsimError(f"{done.reason.rstrip('.')}; the log so far is in {place}")
+        error = Interrupted if done.interrupted else HexsimError
+        raise error(f"{done.reason.rstrip('.')}; the log so far is in {place}")
 
 
 def play(run: Run, stream: Stream) -> None:
@@ -199,7 +200,8 @@ def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, **files: b
             f"{', '.join(whole) or 'nothing'} could be kept, in {folder.finish(complete=False)}"
         ) from None
     except KeyboardInterrupt:
-        run.complete, run.reason = False, "interrupted by the user while figures and recording were written"
+        run.complete, run.interrupted = False, True
+        run.reason = "interrupted by the user while figures and recording were written"
         write_run(run, folder.path, log_format=log_format, recording=False, report=False)
     except Exception:  # a plot that fails is a bug, and must not cost the run
         write_run(run, folder.path, log_format=log_format, recording=False, report=False)

@@ -15,7 +15,7 @@ import typer
 from hexsim.cli import completion, options
 from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
 from hexsim.cli.errors import say
-from hexsim.errors import HexsimError, shortened
+from hexsim.errors import HexsimError, Interrupted, shortened
 
 CONNECT_TIMEOUT_S = 10  # a scheduler that is there answers within one
 
@@ -93,7 +93,7 @@ def sweep(
                     grid_cases, executor, out, workers=count, progress=show, retry_failed=retry_failed, check=check
                 )
         except KeyboardInterrupt:
-            raise HexsimError(
+            raise Interrupted(
                 f"interrupted by the user; finished rows are kept in {table_at(out).kept}, run it again to go on"
             ) from None
     if json:

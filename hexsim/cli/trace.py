@@ -15,7 +15,7 @@ from hexsim.cli import completion, explain_effects, options, own_machine
 from hexsim.cli.console import output, print_json, terminated_like_interrupted, text_table
 from hexsim.cli.errors import say
 from hexsim.cli.work import doing, interruptible, leave, made
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, Interrupted
 
 if TYPE_CHECKING:
     from hexsim.files.run_folder import RunFolder
@@ -230,7 +230,7 @@ def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) 
 
 
 def record(asked: Asked, result: Trace, final: Path, text: str) -> None:
-    """Recordings beside the report. HexsimError when interrupted: the report is whole all the same."""
+    """Recordings beside the report. Interrupted by the user: the report is whole all the same."""
     from hexsim.machine.files import find_machine_file
     from hexsim.tracing.report.recording import write_trace_recordings
 
@@ -238,7 +238,7 @@ def record(asked: Asked, result: Trace, final: Path, text: str) -> None:
     try:
         write_trace_recordings(logs, asked.validate, result.machine, result.fitted, final, text, asked.mapping_file)
     except KeyboardInterrupt:
-        raise HexsimError(f"interrupted while the recordings were written; the report is whole in {final}") from None
+        raise Interrupted(f"interrupted while the recordings were written; the report is whole in {final}") from None
 
 
 def print_trace(report: Mapping[str, Any], place: Path) -> None:

@@ -46,7 +46,7 @@ KEYS_OF_A_TABLE = ("key", "values_key", "inputs")  # by which an interrupted swe
 
 
 class Run:
-    """A finished run, or one that ended early: `complete` and `reason` say so.
+    """A finished run, or one that ended early: `complete`, `interrupted` (by the user) and `reason` say so.
 
     log: table with a row a sample and a column a signal, SI units at the end of the names; a measured log has the same
     columns, the truth behind them is the simulation's own.
@@ -65,6 +65,7 @@ class Run:
         self.learned: list[dict[str, Any]] = run.compensator_parameters
         self.warnings: list[str] = list(run.warnings)
         self.complete: bool = run.complete
+        self.interrupted: bool = run.interrupted
         self.reason: str = run.reason
 
     def plot(self, what: str = "acceleration") -> Picture:
@@ -195,7 +196,7 @@ class Comparison(Mapping[str, Run]):
         """Write what `hexsim compare` writes: compare.json, config.toml, logs, figures, report.html, recording; the folder."""
         with _folder(path, f"compare-{next(iter(self.values())).scenario.name}") as folder:
             comparisons.write_comparison(self._raw(), folder.path, log_format=log_format, recording=recording)
-            return folder.finish(not any(comparisons.interrupted(one) for one in self._raw().values()))
+            return folder.finish(not any(one.interrupted for one in self._raw().values()))
 
     def _raw(self) -> dict[str, simulation.Run]:
         return {name: one._run for name, one in self.items()}

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from compensation import Compensator
 from hexsim.declaration import Machine
-from hexsim.errors import HexsimError
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.signals.table import motion_column, pose_column, table
@@ -68,11 +67,7 @@ class MachineRig:
     def play(self, scenario: Scenario, seed: int = 0) -> Motion:
         machine = self.machine
         run = simulate(machine, scenario, compensator=self.compensator, seed=seed, fast=True)
-        if "interrupted" in run.reason:
-            raise KeyboardInterrupt
-        if not run.complete:
-            raise HexsimError(f"the machine does not complete the motion test {scenario.name}: {run.reason}")
-        log, n = run.log, machine.n_legs
+        log, n = run.whole(f"the machine does not complete the motion test {scenario.name}").log, machine.n_legs
         time = log["time_s"].to_numpy()
         setpoints, positions = (
             log.select(table()[stem].columns(n)).to_numpy(order="c") for stem in ("setpoint", "true_position")

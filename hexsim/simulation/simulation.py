@@ -59,9 +59,18 @@ class Run:
     warnings: list[str] = field(default_factory=list)
     messages: list[tuple[float, int, str]] = field(default_factory=list)
     complete: bool = True
-    reason: str = ""
+    interrupted: bool = False  # by the user
+    reason: str = ""  # why it is not complete
     realtime_factor: float = 0.0
     compensator_parameters: list[dict[str, Any]] = field(default_factory=list)
+
+    def whole(self, failed: str) -> Run:
+        """This run to its end. KeyboardInterrupt where the user ended it, HexsimError(f"{failed}: reason") where it failed."""
+        if self.interrupted:
+            raise KeyboardInterrupt
+        if not self.complete:
+            raise HexsimError(f"{failed}: {self.reason}")
+        return self
 
 
 def make_compensators(which: str | Compensator, machine: Machine) -> tuple[str, list[Compensator]]:
@@ -154,7 +163,7 @@ def simulate(
     wall = clock.perf_counter() - seconds_compiled() - started  # compiling (once) is no part of the speed
     recorded = run.recorded()
     if not len(recorded.time):  # it ended in its first tick: there is no log to keep
-        if reason.startswith("interrupted"):
+        if run.interrupted:
             raise KeyboardInterrupt
         raise HexsimError(reason)
     step_error = run.check.error(run.done)
@@ -180,6 +189,7 @@ def simulate(
         warnings=warnings,
         messages=messages,
         complete=not reason,
+        interrupted=run.interrupted,
         reason=reason,
         realtime_factor=realtime,
         compensator_parameters=loop.learned(),
@@ -235,7 +245,7 @@ class TickLoop:
         self.faults: FaultRun | None = None
         self.check = StepCheck(plant)
         self.volts = np.zeros(machine.n_legs)
-        self.done, self._raised = 0, None
+        self.done, self.interrupted, self._raised = 0, False, None
 
     @without_timers()
     def go(
@@ -271,6 +281,7 @@ class TickLoop:
         except PlantError as error:
             return self._diverged(str(error))
         except KeyboardInterrupt:
+            self.interrupted = True
             return f"interrupted by the user at t = {self.done * self.tick_s:.3f} s"
         return ""
 

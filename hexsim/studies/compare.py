@@ -87,14 +87,9 @@ def compare(
             host=host,
             progress=lambda f, name=name: progress(name, f),
         )
-        if interrupted(runs[name]):
+        if runs[name].interrupted:
             break
     return runs
-
-
-def interrupted(run: Run) -> bool:
-    """Whether the user ended this run."""
-    return not run.complete and "interrupted" in run.reason
 
 
 def comparison_tables(runs: Mapping[str, Run]) -> dict[str, Any]:

@@ -182,7 +182,7 @@ def _figures(case: Case, machine: Machine, settings: dict[str, Any]) -> dict[str
             timestep=case.timestep,
             figures_only=True,
         )
-    if "interrupted" in run.reason:
+    if run.interrupted:
         raise KeyboardInterrupt
     figures = {
         f"{axis}_{name}": value for axis, values in run.summary["axes"].items() for name, value in values.items()

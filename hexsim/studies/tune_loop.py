@@ -255,9 +255,7 @@ def measure(
             fade_s=1.0,
             fade="smooth",
         )
-        run = simulate(machine, scenario, fast=True)
-        if not run.complete:
-            raise HexsimError(f"machine {machine.name}, {axis}: {run.reason}")
+        run = simulate(machine, scenario, fast=True).whole(f"machine {machine.name}, {axis}")
         time = run.log["time_s"].to_numpy()
         late = time >= settle_s - 1e-9
         played = signal.value(time[late])

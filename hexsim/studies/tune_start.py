@@ -87,11 +87,7 @@ def simulate_twin(
 ) -> Run:
     """A complete run of the twin, a hexapod with tendons. Raises HexsimError where it cannot be simulated to its end."""
     done = simulate(machine, scenario, compensator=compensator, fast=machine.is_hexapod, seed=seed, progress=progress)
-    if done.reason.startswith("interrupted"):
-        raise KeyboardInterrupt
-    if not done.complete:
-        raise HexsimError(f"the twin of {machine.name} cannot be simulated: {done.reason}")
-    return done
+    return done.whole(f"the twin of {machine.name} cannot be simulated")
 
 
 def teach(

@@ -167,6 +167,7 @@ def made_up_run(hexapod: bool = True, duration_s: float = 6.0, complete: bool = 
         warnings=[],
         messages=[(1.0, 1, "a message")],
         complete=complete,
+        interrupted=not complete,
         reason="" if complete else "interrupted at 3.0 s",
         realtime_factor=5.0,
         compensator_parameters=[{}] * machine.n_legs,
