@@ -363,7 +363,9 @@ def test_an_unwritable_folder_is_refused_before_the_run(tmp_path, monkeypatch):
 # ---- what ends early -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGHUP))]
+)
 def test_an_interrupted_run_keeps_its_log(tmp_path, number):
     """Ctrl-C (SIGTERM, a closed terminal) in the middle: exit code 130, as a shell gives it, one sentence, a folder -partial
     whose log can be read."""

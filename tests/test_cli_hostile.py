@@ -50,7 +50,9 @@ resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0}))
 """
 
 
-@pytest.mark.parametrize(("most_bytes", "kept"), [(150_000, {"log.parquet"}), (20_000, set())])
+@pytest.mark.parametrize(
+    ("most_bytes", "kept"), [(150_000, {"log.parquet"}), pytest.param(20_000, set(), marks=pytest.mark.slow)]
+)
 def test_a_full_disk_costs_no_more_than_it_must(tmp_path, most_bytes, kept):
     """Where no file may grow beyond a limit, as on a full disk: what fits is kept in -partial, one sentence, code 2."""
     ended = command("run", "heave", *SHORT, "--out", "run", cwd=tmp_path, before=LIMIT.format(most_bytes))

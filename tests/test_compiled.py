@@ -35,12 +35,12 @@ def test_without_a_folder_for_the_cache_a_temporary_one_is_used(tmp_path, taken)
     assert any(used.rglob("*.nbi")) and not used.stat().st_mode & 0o077
 
 
-DAMAGES = [("*.nbi", "empty"), ("*.nbi", "cut"), ("*.nbc", "empty"), ("*.nbc", "flipped")]
+DAMAGES = [("*.nbi", "flipped"), ("*.nbi", "empty"), ("*.nbi", "cut"), ("*.nbc", "empty"), ("*.nbc", "flipped")]
 
 
 @pytest.mark.parametrize(
     ("suffix", "damage"),
-    [("*.nbi", "flipped"), ("*.nbc", "cut"), *(pytest.param(*one, marks=pytest.mark.slow) for one in DAMAGES)],
+    [("*.nbc", "cut"), *(pytest.param(*one, marks=pytest.mark.slow) for one in DAMAGES)],
 )
 def test_a_damaged_file_of_the_cache_is_compiled_again(tmp_path, suffix, damage):
     """A file of numba's cache that was cut short, emptied or has a flipped byte costs a compilation, and is right after it."""

@@ -389,27 +389,22 @@ def own(tmp_path, monkeypatch):
 
 def test_a_worker_that_dies_is_a_row_and_no_end(own, tmp_path):
     """sys.exit, os._exit and SIGKILL in a compensator, two processes: each such case is a failed row that says how, all
-    others have their figures; again costs no run; --retry-failed runs the failed ones alone."""
+    others have their figures, and the same call again runs none."""
     names = ["own_mod:Exits", "own_mod:Dies", "own_mod:Killed", "none"]
     table = tmp_path / "t.parquet"
     asked = f"sweep heave -m bench --duration 0.5 --workers 2 --json --out {table} -c {','.join(names)}".split()
-
-    def run(*more):
-        done = CliRunner().invoke(app, [*asked, *more])
+    for now in (4, 0):
+        done = CliRunner().invoke(app, asked)
         assert done.exit_code == 1, done.output
-        return json.loads(done.stdout)["run_now"]
-
-    assert run() == 4
-    for again in (0, 3):
-        assert run(*["--retry-failed"] * (again > 0)) == again
-        rows = pl.read_parquet(table)
-        assert rows["compensator"].to_list() == names
-        assert rows["complete"].to_list() == [False] * 3 + [True]
-        for error, says in zip(
-            rows["error"], ("SystemExit", "WorkerDied: .*exit code 0", "WorkerDied: .*SIGKILL"), strict=False
-        ):
-            assert re.search(says, error), error
-        assert rows["leg_peak_band_m_s2"].null_count() == 3
+        assert json.loads(done.stdout)["run_now"] == now
+    rows = pl.read_parquet(table)
+    assert rows["compensator"].to_list() == names
+    assert rows["complete"].to_list() == [False] * 3 + [True]
+    for error, says in zip(
+        rows["error"], ("SystemExit", "WorkerDied: .*exit code 0", "WorkerDied: .*SIGKILL"), strict=False
+    ):
+        assert re.search(says, error), error
+    assert rows["leg_peak_band_m_s2"].null_count() == 3
 
 
 def test_rows_of_other_inputs_are_not_served(own, tmp_path, monkeypatch):
@@ -459,7 +454,7 @@ def test_inputs_that_change_while_a_sweep_runs_are_said(tmp_path):
     assert not row["complete"] and "are others than when the sweep began" in row["error"]
 
 
-@pytest.mark.parametrize("place", ["t.parquet", "parts"])
+@pytest.mark.parametrize("place", ["t.parquet", pytest.param("parts", marks=pytest.mark.slow)])
 def test_a_journal_cut_at_any_byte_costs_the_rows_behind_it(tmp_path, monkeypatch, place):
     """Cut at each byte of the last two lines, and each of these bytes overwritten: the next call completes the table,
     runs no case twice whose line is whole, and believes none whose line is not."""
@@ -541,7 +536,7 @@ def test_a_journal_that_takes_half_a_line_keeps_the_lines_before(tmp_path, monke
 
 
 def test_failed_rows_of_a_table_in_parts_are_replaced(tmp_path, monkeypatch):
-    """Parts of two rows; a failed run that succeeds on request stands once, with the new result."""
+    """Parts of two rows; on request the failed runs alone are tried again, and one that succeeds stands once, with the new result."""
     monkeypatch.setattr("hexsim.studies.sweep_table.Parts.most", 2)
     wanted = short(seeds=range(5))
 

@@ -451,6 +451,7 @@ def take_off(seconds: float, folder) -> list[tuple[float, bytes]]:
     return packets
 
 
+@pytest.mark.slow
 def test_a_take_off_is_felt(tmp_path, monkeypatch) -> None:
     """JSBSim's C172 takes off and is pulled up: packets at 60 Hz, 5 % lost, up to 5 ms late, on the tuned machine. Full
     throttle pushes forward, the pull-up raises; the machine follows the washout without a fault, and what is felt comes

@@ -58,7 +58,7 @@ class Watching:
         ("bench", "exact", 4.0),
         ("bench", "iterative", 4.0),
         ("bench", "repetitive", 12.0),  # a period is learned
-        ("micro_motion_system", "buffered_two_sided", 4.0),
+        pytest.param("micro_motion_system", "buffered_two_sided", 4.0, marks=pytest.mark.slow),
         ("micro_motion_system", "adaptive", 6.0),
         ("servo_hexapod", "exact", 4.0),
     ],

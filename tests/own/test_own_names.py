@@ -130,6 +130,7 @@ def test_play_is_backlash_and_no_lag(tmp_path):
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.slow
 def test_a_lag_before_a_linear_machine_is_tied_with_one_behind_it(tmp_path):
     """A lag of the drive and one of the sensor give one motion but for how they begin, which nobody knows: each is tied with the other at
     odds near 1, whichever of the beginnings the plant has."""
@@ -140,6 +141,7 @@ def test_a_lag_before_a_linear_machine_is_tied_with_one_behind_it(tmp_path):
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.slow
 def test_springs_that_slip_are_no_named_hysteresis(tmp_path):
     """Three springs that slip one after another gain as a hysteresis of the library, which takes nothing beside play over the place: it
     is not named, stays in the model as a stand-in, for with it held-out motion is predicted better, and the verdict says what it is."""

@@ -219,6 +219,7 @@ def test_a_state_that_is_cut_off_is_one_sentence(begun):
         assert refused.exit_code == 2 and "cannot be read" in refused.stderr
 
 
+@pytest.mark.slow
 def test_what_was_fitted_is_not_believed_where_it_does_not_fit(begun, fits):
     """Entries of other effects are left out from there on: the trace ends, and these fits are made again."""
     told = json.loads((begun / FILE).read_text())

@@ -63,6 +63,7 @@ def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):
     assert moved == {"discharge_coefficient"}
 
 
+@pytest.mark.slow
 def test_nothing_missing():
     """bench_none: the declared machine with its parameters refitted is enough, and detectable sizes stand for the rest."""
     result = hx.trace(DATA / "bench_none")

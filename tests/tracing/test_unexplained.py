@@ -23,9 +23,9 @@ from hexsim.tracing.steps.residuals import unexplained_residuals
     ("effect", "balance", "signal", "form"),
     [
         ("position_backlash", "sensor", "position_m", "play"),
-        ("controller_jitter", "valve", "valve_V", "late"),
-        ("friction_memory", "force", "velocity_m_s", "memory"),
-        ("sliding_payload", "force", "acceleration_m_s2", "size"),
+        pytest.param("controller_jitter", "valve", "valve_V", "late", marks=pytest.mark.slow),
+        pytest.param("friction_memory", "force", "velocity_m_s", "memory", marks=pytest.mark.slow),
+        pytest.param("sliding_payload", "force", "acceleration_m_s2", "size", marks=pytest.mark.slow),
         ("flow_gain_of_position", "continuity", "position_m", "product"),
     ],
 )

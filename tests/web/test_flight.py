@@ -119,7 +119,7 @@ def size(rows: np.ndarray, axis: str, seconds: float) -> float:
 def test_felt_follows_what_is_asked_and_the_gain_scales_both(ahead):
     """0.15 g of heave at 1 Hz: flown 1.04 m/s2 rms, asked 0.3 of it, felt 0.6 to 1.05 of the washout's heave (plain control
     lags, and its valves' dead band takes its share). With gain 0.5 half is asked, and less felt. State and packets are said."""
-    ahead.fly(6.0, bumpy)
+    ahead.fly(4.0, bumpy)
     shown = ahead.flight.shown()
     asked, felt = size(shown.asked, "heave", 2.0), size(shown.felt, "heave", 2.0)
     assert size(shown.flown, "heave", 2.0) == pytest.approx(0.15 * 9.81 / math.sqrt(2.0), rel=0.02)
@@ -128,7 +128,7 @@ def test_felt_follows_what_is_asked_and_the_gain_scales_both(ahead):
     assert 0.6 < felt / (high_pass * asked) < 1.05
     assert shown.state == "normal" and shown.packets.endswith("packets, all understood")
     ahead.flight.ask({"heave": shapes.AxisShape(gain=0.5)})
-    ahead.fly(6.0, bumpy)
+    ahead.fly(4.0, bumpy)
     halved = ahead.flight.shown()
     assert size(halved.asked, "heave", 2.0) == pytest.approx(0.5 * asked, rel=0.02)
     assert 0.2 * felt < size(halved.felt, "heave", 2.0) < 0.6 * felt
