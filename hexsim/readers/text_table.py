@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from hexsim.signals.units import canonical
 SEPARATORS = {"tab": "\t", ",": ",", ";": ";", "whitespace": " "}
 TRIED = ("\t", ";", ",", "|", " ")  # the earlier one of two that fit alike
 STEADY = 0.8  # share of cells of a column that are values, share of columns that a row of data has
-MISSING = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "#N/A", "-", "--")
+MISSING = frozenset(("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "#N/A", "-", "--"))
 # thousands in groups: two marks of one kind, or one and another for the decimals, 3.376.369 or 3,376.5
 GROUPED = r"\d{1,3}(?P<mark>[.,'\xa0\u202f])\d{3}((?P=mark)\d{3}((?P=mark)\d{3})*|(?=[.,]\d))((?!(?P=mark))[.,]\d*)?"
 NUMBER = re.compile(
@@ -169,19 +170,15 @@ class Shape:
     def of(cls, rows: list[list[str]], separator: str, width: int | None) -> Shape | None:
         """The commonest number of cells of rows in which most are values."""
         later = rows[len(rows) // 2 :] if len(rows) > 3 else rows
-        rich = [
-            row
-            for row in later
-            if sum(map(is_value, row)) >= 0.5 * sum(cell.strip() not in MISSING for cell in row) > 0
-        ]
+        judged = [[(is_value(cell), cell.strip() not in MISSING) for cell in row] for row in later]
+        rich = [row for row in judged if sum(v for v, _ in row) >= 0.5 * sum(there for _, there in row) > 0]
         if not rich:
             return None
         width = width or Counter(map(len, rich)).most_common(1)[0][0]
-        of_width = [row for row in rich if len(row) == width]
         values = []
         for k in range(min(width, LARGEST.text_columns)):
-            cells = [row[k].strip() for row in of_width if row[k].strip() not in MISSING]
-            if cells and sum(map(is_value, cells)) >= STEADY * len(cells):
+            found = [row[k][0] for row in rich if len(row) == width and row[k][1]]
+            if found and sum(found) >= STEADY * len(found):
                 values.append(k)
         return cls(rows=rows, separator=separator, width=width, values=values) if values else None
 
@@ -190,18 +187,24 @@ class Shape:
         if abs(len(row) - self.width) > 1:
             return False
         cells = [row[k].strip() for k in self.values if k < len(row)]
-        good = sum(cell in MISSING or is_value(cell) for cell in cells)
-        return any(map(is_value, cells)) and good >= STEADY * len(self.values)
+        values = [is_value(cell) for cell in cells]
+        good = sum(value or cell in MISSING for value, cell in zip(values, cells, strict=True))
+        return any(values) and good >= STEADY * len(self.values)
+
+    @cached_property
+    def data(self) -> list[bool]:
+        """`is_data` of each row."""
+        return [self.is_data(row) for row in self.rows]
 
     @property
     def score(self) -> int:
         """Cells of values in rows of data; a single column is no table where another separator finds two."""
-        rows = sum(map(self.is_data, self.rows))
+        rows = sum(self.data)
         return rows * len(self.values) if self.width > 1 else min(rows, 1)
 
     def table(self, lines: list[str], kept: list[int], layout: FileLayout, path: Path) -> Table:
         """Names above the first row of data."""
-        good = [self.is_data(row) for row in self.rows]
+        good = self.data
         begins = next(
             (k for k in range(len(good)) if good[k] and sum(good[k : k + 5]) >= min(4, len(good) - k)), len(good)
         )

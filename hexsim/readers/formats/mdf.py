@@ -101,6 +101,7 @@ def quiet() -> Iterator[None]:
     hook, logger = sys.unraisablehook, logging.getLogger("asammdf")
     level = logger.level
     sys.unraisablehook = lambda _: None
+    gc.freeze()  # what is there already is no part of the file: the collection below passes it over
     logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
@@ -112,6 +113,7 @@ def quiet() -> Iterator[None]:
         raise
     finally:
         gc.collect()
+        gc.unfreeze()
         sys.unraisablehook = hook
         logger.setLevel(level)
 
