@@ -101,7 +101,6 @@ def quiet() -> Iterator[None]:
     hook, logger = sys.unraisablehook, logging.getLogger("asammdf")
     level = logger.level
     sys.unraisablehook = lambda _: None
-    gc.freeze()  # what is there already is no part of the file: the collection below passes it over
     logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
@@ -110,10 +109,9 @@ def quiet() -> Iterator[None]:
         while chained is not None:  # their frames hold the half-opened file, whose destructor must run here
             traceback.clear_frames(chained.__traceback__)
             chained = chained.__context__
+        gc.collect()
         raise
     finally:
-        gc.collect()
-        gc.unfreeze()
         sys.unraisablehook = hook
         logger.setLevel(level)
 
