@@ -62,6 +62,7 @@ def test_a_full_disk_costs_no_more_than_it_must(tmp_path, most_bytes, kept):
     assert [path.name for path in tmp_path.iterdir()] == ["run-partial"]
 
 
+@pytest.mark.slow
 def test_a_comparison_on_a_full_disk_keeps_its_figures(tmp_path):
     """The numbers are small: compare.json is kept where the logs do not fit."""
     arguments = ("compare", "heave", *SHORT, "-c", "none,exact", "--out", "run")

@@ -351,6 +351,7 @@ def test_machine_time_counts_though_the_host_was_killed(served, tmp_path, told_t
     assert json.loads((tmp_path / "story.json").read_text())["machine_s"] > SHORT_s
 
 
+@pytest.mark.slow
 def test_the_time_is_used(served, tmp_path, told_traces):
     """24 s hold round 1 and no second: it says so, with the tie in the story."""
     story = identify("bench", served.address, 0.4, with_held_out(tmp_path))

@@ -234,6 +234,7 @@ def test_memory_holds_one_part_of_the_rows(tmp_path, monkeypatch):
     assert pl.scan_parquet(tmp_path / "table" / "*.parquet").select(pl.len()).collect().item() == 3000
 
 
+@pytest.mark.slow
 def test_dead_workers_keep_the_finished_rows(tmp_path):
     """When a worker process dies the sweep ends with a sentence, and the journal holds what was done."""
     wanted = short(seeds=[0, 1])

@@ -302,6 +302,7 @@ def test_a_flight_model_moves_the_machine() -> None:
         assert asked > 0.01 and highest == pytest.approx(asked, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_pause_settles_the_machine_and_it_goes_on() -> None:
     """A banked climb, 3 s of silence, the same again: no fault, the platform near neutral in the pause, the setpoint's
     acceleration at the pause and at the return within what the washout makes of the flight itself, and two messages."""

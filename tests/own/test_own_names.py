@@ -120,6 +120,7 @@ def test_formulas_have_the_unit_of_their_sum(tmp_path):
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.slow
 def test_play_is_backlash_and_no_lag(tmp_path):
     """Play of a drive is named as such, alone and with its width: every memory is fitted, whatever a linear look foretells."""
     found = search(machine(tmp_path, play=0.15))

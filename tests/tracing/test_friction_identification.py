@@ -86,7 +86,7 @@ def test_a_leg_of_a_hexapod(tmp_path):
             assert result.parameters[key] == pytest.approx(true[key], rel=share), key
 
 
-@pytest.mark.parametrize("motion", ["multisine", "heave"])
+@pytest.mark.parametrize("motion", ["multisine", pytest.param("heave", marks=pytest.mark.slow)])
 def test_legs_with_mass_do_not_look_like_friction(tmp_path, motion):
     """The simulator's full legs (12 kg each): their weight, 37 N a leg, is the load's; Coulomb within 4 N and its error.
 

@@ -282,6 +282,7 @@ def test_an_error_that_hangs_on_a_small_reality_is_promised_with_that():
     assert design_words.expected_words(delay, 8.9e-4, "spool_lag").endswith("0.00089 expected")
 
 
+@pytest.mark.slow
 def test_what_the_logs_show_is_nothing_that_an_error_hangs_on(late):
     """Two coordinates that go together after a motion: a number hangs on a nuisance effect where that is within its error of
     nothing now, and not where the logs show it."""

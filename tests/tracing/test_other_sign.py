@@ -50,7 +50,7 @@ def remarks_of(place, late=False, area="velocity_m_s", leak=1, compliance=1):
     return [one for one in balance["remarks"] if "other sign" in one], balance["named"]
 
 
-@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("late", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_right_signs_say_nothing(tmp_path, late):
     """Both terms are named and no sign is doubted, beside a delay too."""
     said, named = remarks_of(tmp_path, late)

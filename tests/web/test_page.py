@@ -57,6 +57,7 @@ def test_a_slider_changes_the_peak_to_what_a_run_says_and_nothing_leaves_the_com
     assert hosts == {"127.0.0.1"}
 
 
+@pytest.mark.slow
 def test_a_phone_in_the_dark_sees_the_machine_and_its_bump(page):
     """390 x 844 px, a browser that asks for dark: dark ground, the figures without a touch, and half the height for the machine."""
     page.emulate_media(color_scheme="dark")
