@@ -21,7 +21,8 @@ import hexsim as hx
 from hexsim.motion_computer.host_limiter import HostLimiter
 from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
-from hexsim.simulation.serve import PORT, Server
+from hexsim.packets import HOST_PORT
+from hexsim.simulation.serve import Server
 
 MACHINE = "micro_motion_system"
 
@@ -92,7 +93,7 @@ def drive(host: Host, seconds: float) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--port", type=int, default=None, help=f"of a running `hexsim serve` (usually {PORT}); else start one here"
+        "--port", type=int, default=None, help=f"of a running `hexsim serve` (usually {HOST_PORT}); else start one here"
     )
     parser.add_argument("--seconds", type=float, default=6.0, help="how long to move")
     parser.add_argument("--rate", type=float, default=60.0, help="packets a second [Hz]")

@@ -8,6 +8,7 @@ from collections import Counter
 from hexsim.errors import HexsimError
 
 OTHER = "other packets"
+HOST_PORT = 47110  # UDP, of a machine's host interface; any that is free would do
 
 
 def address_of(text: str, default_port: int, option: str, allowed: str) -> tuple[str, int]:

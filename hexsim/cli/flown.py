@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from hexsim.simulation.vehicle_link import Vehicle
 
 LOOPBACK = "127.0.0.1"
-PORT = 47110  # of hexsim.simulation.serve; a test holds them together, because importing it loads the simulator
 
 Source = Annotated[
     str | None,

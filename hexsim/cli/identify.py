@@ -11,7 +11,7 @@ import typer
 from hexsim.cli import options
 from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.cli.errors import EXIT_CODE, INTERRUPTED
-from hexsim.cli.flown import PORT
+from hexsim.packets import HOST_PORT
 
 if TYPE_CHECKING:
     from hexsim.identification import Story
@@ -26,7 +26,7 @@ def identify(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for logs, traces and the story; goes on in an old one.")
     ],
-    host: Annotated[str, typer.Option(help="ADDRESS:PORT of the machine's host interface.")] = f"127.0.0.1:{PORT}",
+    host: Annotated[str, typer.Option(help="ADDRESS:PORT of the machine's host interface.")] = f"127.0.0.1:{HOST_PORT}",
     minutes: Annotated[float, typer.Option(min=0.5, max=600.0, help="Machine time to use (min).")] = 5.0,
     compensate: Annotated[
         bool,

@@ -16,6 +16,7 @@ import typer
 from hexsim.cli import completion, flown, options
 from hexsim.cli.console import compiling_said, stop_when_signalled, terminated_like_interrupted
 from hexsim.errors import HexsimError
+from hexsim.packets import HOST_PORT
 
 if TYPE_CHECKING:
     from hexsim.machine import Machine
@@ -58,7 +59,7 @@ def live(
     washout: flown.WashoutName = "classical",
     listen: Annotated[
         str, typer.Option(help="Of --from: ADDRESS:PORT for the packets; only this computer unless you say otherwise.")
-    ] = f"{flown.LOOPBACK}:{flown.PORT}",
+    ] = f"{flown.LOOPBACK}:{HOST_PORT}",
     stream: options.StreamTo = None,
     allow_native: options.AllowNative = False,
 ) -> None:
@@ -127,7 +128,7 @@ def fly(
 
     host, _, udp_port = listen.rpartition(":")
     if not host or not (udp_port.isascii() and udp_port.isdigit() and int(udp_port) < 2**16):
-        raise HexsimError(f"--listen {listen!r}: give ADDRESS:PORT, as {flown.LOOPBACK}:{flown.PORT}")
+        raise HexsimError(f"--listen {listen!r}: give ADDRESS:PORT, as {flown.LOOPBACK}:{HOST_PORT}")
     words = ["hexsim", "serve", "--from", source, "--machine", name, "--host", host, "--port", udp_port]
     words += ["--washout", washout] if washout != "classical" else []
     words += ["-c", compensator] if compensator != "none" else []

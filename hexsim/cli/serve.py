@@ -12,6 +12,7 @@ import typer
 from hexsim.cli import flown, options
 from hexsim.cli.console import compiling_said, output, print_json, stop_when_signalled, terminated_like_interrupted
 from hexsim.errors import HexsimError, shortened
+from hexsim.packets import HOST_PORT
 
 if TYPE_CHECKING:
     from hexsim.simulation.serve_status import Status
@@ -26,7 +27,7 @@ def serve(
     host: Annotated[
         str, typer.Option(help="Address to listen on; only this computer unless you say otherwise.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="UDP port; 0 takes a free one.")] = flown.PORT,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="UDP port; 0 takes a free one.")] = HOST_PORT,
     compensator: options.CompensatorName = "none",
     scenario: Annotated[str | None, typer.Option(help="What manual mode plays; default heave.")] = None,
     start: Annotated[str, typer.Option(help="neutral (mid stroke, pressure up) or off (on its stops).")] = "neutral",

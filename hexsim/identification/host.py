@@ -28,7 +28,7 @@ from hexsim.motion_computer.host_limiter import Gate, HostLimiter, PERIOD_s
 from hexsim.motion_computer.host_packet import HostCommand, Reply
 from hexsim.motion_computer.states import State
 from hexsim.motion_computer.telemetry import Telemetry
-from hexsim.simulation.serve import PORT
+from hexsim.packets import HOST_PORT
 
 Array = NDArray[np.float64]
 LATE_s = 2 * PERIOD_s  # by which the ends of a motion are known, in lockstep and live
@@ -300,5 +300,5 @@ def address_of(text: str) -> tuple[str, int]:
     """ADDRESS:PORT. Raises HexsimError for anything else."""
     name, _, port = text.rpartition(":")
     if not name or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise HexsimError(f"the host is {text!r}: give ADDRESS:PORT, such as 127.0.0.1:{PORT}")
+        raise HexsimError(f"the host is {text!r}: give ADDRESS:PORT, such as 127.0.0.1:{HOST_PORT}")
     return name, int(port)

@@ -166,20 +166,6 @@ def write_manifest(folder: Path) -> None:
     write_text(folder / "manifest.json", json.dumps({"versions": versions, "files": files}, indent=1))
 
 
-def changed_files(folder: Path) -> list[str]:
-    """Names of files that are not what the manifest says, missing ones and those that it does not name among them."""
-    named = json.loads((folder / "manifest.json").read_text())["files"]
-    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    there = {name for name in there if name != "manifest.json" and not name.startswith(".")}
-    return sorted(
-        name
-        for name in there | set(named)
-        if name not in named
-        or name not in there
-        or hashlib.sha256((folder / name).read_bytes()).hexdigest() != named[name]["sha256"]
-    )
-
-
 def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -> str:
     """pack.html: what is outside, rows, OMCT below."""
 

@@ -30,6 +30,7 @@ from hexsim.motion_computer.host_packet import HostCommand, Reply
 from hexsim.motion_computer.host_setpoints import HostSetpoints
 from hexsim.motion_computer.limits import Limits
 from hexsim.motion_computer.states import State
+from hexsim.packets import HOST_PORT
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import whole_ratio
@@ -49,7 +50,6 @@ from hexsim.simulation.telemetry import TelemetryRows
 from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
 
 Array = NDArray[np.float64]
-PORT = 47110  # UDP; any that is free would do
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class Server:
         self,
         machine: Machine,
         host: str = "127.0.0.1",
-        port: int = PORT,
+        port: int = HOST_PORT,
         *,
         compensator: str | Compensator = "none",
         scenario: Scenario | None = None,
@@ -363,7 +363,7 @@ class Server:
 def serve(
     machine: Machine,
     host: str = "127.0.0.1",
-    port: int = PORT,
+    port: int = HOST_PORT,
     *,
     compensator: str | Compensator = "none",
     scenario: Scenario | None = None,

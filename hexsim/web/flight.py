@@ -22,9 +22,10 @@ from hexsim.cueing.washout import Washout, g
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
 from hexsim.motion_computer.states import State
+from hexsim.packets import HOST_PORT
 from hexsim.plant.plant import PlantError
 from hexsim.simulation.live import add_floor_and_light
-from hexsim.simulation.serve import PORT, HostInput, Server
+from hexsim.simulation.serve import HostInput, Server
 from hexsim.simulation.serve_status import Status
 from hexsim.simulation.stream import Stream
 from hexsim.simulation.vehicle_link import SILENT_S, Vehicle, VehicleLink
@@ -94,7 +95,7 @@ class Flight:
         washout: Washout | None = None,
         compensator: str = "none",
         host: str = "127.0.0.1",
-        port: int = PORT,
+        port: int = HOST_PORT,
         stream: Stream | None = None,
         *,
         row_s: float = 0.02,  # between its rows, each a mean
