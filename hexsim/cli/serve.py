@@ -80,6 +80,7 @@ def serve(
         washout=washout_of(washout),
     )
     looker = options.stream_of(stream)
+    longest_s = 600.0  # of a log that is kept: 2 GB of a hexapod at 1 kHz at most
     with run_folder(out) if out else nullcontext() as folder, terminated_like_interrupted():
         with compiling_said(tell):
             server = Server(
@@ -94,7 +95,7 @@ def serve(
                 lockstep=lockstep,
                 host_input=host_input,
                 stream=looker,
-                record_s=min(duration or 600.0, 600.0) if out else 0.0,  # 2 GB of a hexapod at 1 kHz at most
+                record_s=min(duration or longest_s, longest_s) if out else 0.0,
             )
         address = f"{server.address[0]}:{server.address[1]}"
         with server, stop_when_signalled() as stop:  # before it says that it listens: whoever reads that may signal
