@@ -3,7 +3,7 @@
 Substitute, for machines whose supply is a constant: P = P0 (V_g/(V_g + dV))^n while the accumulator holds oil, with dV
 what the legs have taken (retraction takes A2 v, extension (A1 - A2) v), and once it is empty the line pressure
 decays in `line_decay_s`; when the pump runs again it comes back as fast. Sizes: those of [manifold], or its defaults,
-4 l and precharge 0.8 P0; n = 1.3.
+4 l and precharge 0.8 P0; n as of a power unit's accumulator.
 """
 
 from __future__ import annotations
@@ -12,12 +12,10 @@ import math
 
 import numpy as np
 
-from hexsim.declaration import Manifold
+from hexsim.declaration import Manifold, PowerUnit
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant import Plant
-
-EXPONENT = 1.3  # [-] of the gas: between isothermal and adiabatic in the seconds of a descent
 
 
 class EmergencySupply:
@@ -37,7 +35,8 @@ class EmergencySupply:
         self.power_unit = plant.has_supply_states and int(plant.resolved.supply[S.MODEL]) == POWER_UNIT
         sizes = plant.machine.manifold or Manifold()
         self._precharge = sizes.accumulator_precharge_fraction
-        self._gas = sizes.accumulator_volume_m3 * self._precharge ** (1.0 / EXPONENT)
+        self._exponent = PowerUnit().polytropic_exponent
+        self._gas = sizes.accumulator_volume_m3 * self._precharge ** (1.0 / self._exponent)
         self._taken = 0.0
         self._pressure = self.nominal
         self._positions = np.zeros(plant.n_legs)
@@ -81,7 +80,7 @@ class EmergencySupply:
         rod_side = row[P.AREA_TOP] * (np.maximum(-step, 0.0) if on_valve else -step)
         self._taken += float(np.sum(row[P.AREA_BOTTOM] * np.maximum(step, 0.0) + rod_side))
         self._taken += leakage_m3_s * dt
-        gas = self.nominal * (self._gas / (self._gas + max(self._taken, 0.0))) ** EXPONENT
+        gas = self.nominal * (self._gas / (self._gas + max(self._taken, 0.0))) ** self._exponent
         if gas > self._precharge * self.nominal:
             return gas
         return self._pressure * math.exp(-dt / line_decay_s)
