@@ -57,7 +57,7 @@ def test_a_plant_with_the_effect_switched_on_is_the_plant_that_always_had_it(nam
 
 
 def log_with(name: str, machine, **fault):
-    scenario = load_scenario("heave", duration_s=1.5)
+    scenario = load_scenario("heave", duration_s=1.0)
     if fault or name:
         fault = {"kind": "effect", "time_s": BEGIN_S, "effect": name, "parameters": typical(name), **fault}
         scenario = dataclasses.replace(scenario, faults=(fault,))
