@@ -47,7 +47,7 @@ MODULES: dict[str, tuple[int, str]] = {  # module: places, tests
     "hexsim.smoothness.reversals": (3, "test_smoothness.py"),
     "hexsim.smoothness.perception": (3, "test_perception.py test_smoothness.py"),
     "hexsim.setpoints.formulas": (3, "motion_computer/test_signals.py"),
-    "hexsim.cueing.washout": (2, "test_vehicle_cueing.py"),
+    "hexsim.cueing.washout": (2, "test_vehicle_cueing.py test_qualification_pack.py"),
     "hexsim.recording.figures": (4, "recording/test_figures.py"),
     "hexsim.recording.figure_style": (2, "recording/test_figures.py"),
     "hexsim.readers.clocks": (2, LOGS),
