@@ -94,7 +94,7 @@ def averaged(log: Log, over_s: float | None) -> Log:
         rate=log.rate / count,
         columns={name: mean(values) for name, values in log.columns.items()},
         repaired={name: mean(values) > 0.0 for name, values in log.repaired.items()},
-        weights={},
+        sampled={},
     )
 
 

@@ -8,7 +8,6 @@ from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import HOLE, ClockGroup, is_held, periods, runs
 from hexsim.readers.clocks import STAMPS
 from hexsim.readers.possible import Limits, impossible, marker
-from hexsim.signals.log import hold_of
 from hexsim.signals.table import places
 
 
@@ -23,10 +22,6 @@ def blank_bad_values(group: ClockGroup, possible: dict[str, Limits], markers: di
         blank(group, name, np.abs(x) > STAMPS.largest, "values beyond any measure")
         blank(group, name, np.isin(x, markers.get(name, [])), "markers of the mapping")
         say_missing(group, name)
-        slower = None if group.foreign or is_held(name) or name in group.held else hold_of(x)
-        if slower is not None:  # a channel of a slower rate, whose value the logger repeats: no samples of their own
-            x[np.arange(len(x)) % slower[0] != slower[1]] = np.nan
-            group.note(f"changes in every {slower[0]}. row alone: values between are repeated, no samples", name)
         own = group.own_samples(name)
         if not group.foreign and not is_held(name) and len(own) > STAMPS.least:
             blank(group, name, marks(x, own, marker(x[own])), "markers far from all other values")

@@ -1,8 +1,9 @@
 """A measured log from a file: signals with their own stamps, whatever the format, on one clock and one grid.
 
 1. clocks      when was each sample taken (sorted, unwrapped; stamps kept, or rows counted by evidence)
+               a channel whose values are repeated has a clock of its own
 2. damage      what is no measurement is missing
-3. one grid    held or interpolated, missing in holes of 1.5 periods, with a weight
+3. one grid    held or interpolated, missing in holes of 1.5 periods; a slower channel's own samples are marked
 4. stretches   short gaps filled without weight, longer ones split the run
 Each thing that was done is noted with its signal: one line a signal in `Log.losses`.
 """
@@ -23,6 +24,7 @@ from hexsim.readers.mapping import Mapping, load_mapping
 from hexsim.readers.one_grid import GRID, Grid, fill, on_one_grid, stretches
 from hexsim.readers.possible import possible_values
 from hexsim.readers.reader import RawLog
+from hexsim.readers.repeats import set_apart
 from hexsim.signals.log import Log
 
 MAPPING_NAME = "mapping.toml"  # beside the logs: used for all logs of the folder
@@ -47,6 +49,8 @@ def read_stretches(
     markers = {name: channel.missing for name, channel in mapping.columns.items()}
     for group in groups:
         settle(group)
+    groups = [own for group in groups for own in set_apart(group)]
+    for group in groups:
         blank_bad_values(group, possible, markers)
     groups = [group for group in groups if group.signals]
     if not groups:
@@ -70,7 +74,7 @@ def read_stretches(
         path=path,
         losses=losses,
         repaired=grid.repaired,
-        weights=grid.weights,
+        sampled=grid.sampled,
     )
     return [used_part(whole, part, grid.slack) for part in parts]
 

@@ -1,9 +1,9 @@
-"""From signals with times of their own to one grid: what is between samples, what is missing, what a sample weighs."""
+"""From signals with times of their own to one grid: what is between samples, what is missing, where the samples of slower signals are."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ import scipy
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import HOLE, ClockGroup, periods, runs
 from hexsim.readers.clocks import STAMPS, long_period
-from hexsim.signals.log import hold_of
+from hexsim.signals.log import Log, hold_of
 
 Array = np.ndarray
 
@@ -36,16 +36,17 @@ GRID = Grids()
 
 @dataclass(kw_only=True, eq=False)
 class Grid:
-    """Signals on one even grid. columns: name -> (n,), NaN where there is none. weights: name -> (n,) below 1 where there
-    are fewer samples than points of the grid. repaired: name -> (n,) bool, filled."""
+    """Signals on one even grid. columns: name -> (n,), NaN where there is none. sampled: name -> places (m,) of its
+    samples on the grid, where they are fewer than its points. repaired: name -> (n,) bool, filled."""
 
     start: float
     rate: float
     n: int
     path: Path
+    finer: int = 1  # points for each sample of its clock
     slack: int = 1  # samples at the ends that some clock may not reach: its own period
     columns: dict[str, Array] = field(default_factory=dict)
-    weights: dict[str, Array] = field(default_factory=dict)
+    sampled: dict[str, Array] = field(default_factory=dict)
     repaired: dict[str, Array] = field(default_factory=dict)
     notes: dict[str, list[str]] = field(default_factory=dict)
 
@@ -55,10 +56,11 @@ class Grid:
 
 
 def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float], slowest_Hz: float = GRID.rates_Hz[0]) -> Grid:
-    """All signals on the grid of the fastest clock. delays: signal -> [s] by which it is late."""
+    """All signals on a grid of the fastest clock. delays: signal -> [s] by which it is late."""
     base = min(groups, key=lambda group: long_period(group.time))
     grid = grid_of(base, slowest_Hz)
     if len(groups) > 1:
+        grid = grid if base.foreign else with_all_samples(grid, groups)
         grid.notes.setdefault("", []).append(
             f"{len(groups)} clocks: signals are on that of {', '.join(sorted(base.signals)[:3])}"
         )
@@ -117,11 +119,26 @@ def grid_of(
     return Grid(start=start, rate=rate, n=last + 1, path=base.path)
 
 
+def with_all_samples(
+    grid: Grid,
+    groups: Sequence[ClockGroup],
+    *,
+    most: int = 3,  # points a sample: a simulation has to be written so often
+) -> Grid:
+    """The grid, finer where slower samples then lie on it, 200 Hz beside 500: between its points no simulation is known."""
+    places = [(group.time - grid.start) * grid.rate for group in groups]
+    for finer in range(1, most + 1):
+        off = [np.quantile(np.abs(place * finer - np.round(place * finer)), 0.98) for place in places]
+        if max(off) < 2 * finer * STAMPS.even:
+            return replace(grid, finer=finer, rate=grid.rate * finer, n=(grid.n - 1) * finer + 1)
+    return grid
+
+
 def place_on(grid: Grid, group: ClockGroup, base: ClockGroup) -> Array:
     """Samples of a group in steps of the grid; whole numbers for those that lie on it. Notes its holes."""
     place = (group.time - grid.start) * grid.rate
     if group is base and group.place is not None:
-        place = group.place + float(np.mean(place - group.place))
+        place = grid.finer * group.place + float(np.mean(place - grid.finer * group.place))
     near = np.round(place)
     place = np.where(np.abs(place - near) < 2 * STAMPS.even, near, place)
     steps = np.diff(place)
@@ -174,14 +191,34 @@ def put(grid: Grid, group: ClockGroup, name: str, place: Array, x: Array) -> Non
         grid.notes.setdefault(name, []).append(
             f"lasts from {times[0]:.3f} to {times[1]:.3f} s: missing before and after"
         )
-    weight = np.minimum(1.0, 1.0 / usual[before])
-    if not hold and np.min(weight) < 1.0 / HOLE:
-        grid.weights[name] = np.where(weight < 1.0 / HOLE, weight, 1.0)
+    slow = (usual > HOLE)[before]
+    if not hold and slow.any():
+        grid.sampled[name] = place[(place >= 0.0) & (place <= grid.n - 1)]
         grid.notes.setdefault(name, []).append(
-            f"{len(x)} samples, the grid has {grid.n} points: interpolated, weight {float(np.median(weight)):.3g}"
+            f"{len(x)} samples, the grid has {grid.n} points: compared at its samples alone"
         )
     elif hold and len(steps) and np.median(usual) > HOLE:
         grid.notes.setdefault(name, []).append(f"{len(x)} samples, the grid has {grid.n} points: held between them")
+
+
+def splined(x: Array, place: Array, noise: Array | None = None) -> Array:
+    """A signal (n,) by its samples at `place` (m,), and a spline between. noise (n,): of samples."""
+    points = np.arange(len(x), dtype=float)
+    own = scipy.interpolate.make_interp_spline(points, x, k=3)(place)
+    own += 0.0 if noise is None else noise[np.round(place).astype(int)]
+    return np.where((points >= place[0]) & (points <= place[-1]), between(points, place, own), x)
+
+
+def as_read(log: Log, noise: Log | None = None) -> Log:
+    """A log of as many samples as points, simulated along a measured one, as a reader would have put that on the grid: its slower
+    channels by their own samples. noise: the same with noise."""
+    seen = noise or log
+    slower = {
+        name: splined(log.columns[name], place, seen.columns[name] - log.columns[name])
+        for name, place in log.sampled.items()
+        if name in log.columns
+    }
+    return replace(seen, columns={**seen.columns, **slower}) if slower else seen
 
 
 def is_flag(x: Array) -> bool:

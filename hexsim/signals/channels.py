@@ -54,7 +54,7 @@ def noise_of(machine: Machine, logs: list[Log]) -> dict[str, float]:
     for kind, value in noise.items():
         if value <= 0:
             rows = [
-                row[:: samples_apart(log, name)]
+                row[np.round(log.sampled.get(name, np.arange(log.n))).astype(int)]  # between samples it is smooth
                 for log in logs
                 for name, row in channel_arrays(log).items()
                 if kind_of(name) == kind
@@ -63,8 +63,3 @@ def noise_of(machine: Machine, logs: list[Log]) -> dict[str, float]:
             scale = max((float(np.ptp(row)) for row in rows), default=0.0)
             noise[kind] = max(noise[kind], 1e-6 * scale, 1e-12)
     return noise
-
-
-def samples_apart(log: Log, name: str) -> int:
-    """Points of the log from one sample of a column to the next: between them it is interpolated, and smoother than its noise."""
-    return max(round(1.0 / float(np.median(log.weights[name]))), 1) if name in log.weights else 1

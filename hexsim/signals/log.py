@@ -34,8 +34,8 @@ class Log:
     kind: "bench" (one leg), "hexapod" (six) or "own" (a machine of other columns). time: (n,) [s]. rate [Hz].
     columns: name -> (n,). losses: what a reader dropped, filled or converted, a sentence each.
     repaired: name -> (n,) bool, samples that were missing and filled; a column without such samples is not there.
-    They weigh nothing in a fit. weights: name -> (n,) above 0, of columns with fewer samples than the log has: samples a
-    point, where they are interpolated; other columns weigh 1. offset_s: time from the beginning of its run to its first
+    They weigh nothing in a fit. sampled: name -> places (m,) of its samples, in points of the log, of columns with fewer of
+    them than it has; between them is a spline (`readers.one_grid.as_read`). offset_s: time from the beginning of its run to its first
     sample, of a part of a run.
     loaded: was the machine's additional mass on it?
     Signals may be given as arrays by their stem or attribute (`position=...`), and so they can be exchanged:
@@ -49,7 +49,7 @@ class Log:
     columns: Mapping[str, Array]
     losses: tuple[str, ...]
     repaired: Mapping[str, Array]
-    weights: Mapping[str, Array]
+    sampled: Mapping[str, Array]
     path: Path | None
     offset_s: float
     loaded: bool
@@ -64,7 +64,7 @@ class Log:
         columns: Mapping[str, Array] | None = None,
         losses: tuple[str, ...] = (),
         repaired: Mapping[str, Array] | None = None,
-        weights: Mapping[str, Array] | None = None,
+        sampled: Mapping[str, Array] | None = None,
         path: Path | None = None,
         offset_s: float = 0.0,
         loaded: bool = False,
@@ -85,7 +85,7 @@ class Log:
             "losses": tuple(losses),
             "path": path,
             "repaired": dict(repaired or {}),
-            "weights": dict(weights or {}),
+            "sampled": dict(sampled or {}),
             "rate": _rate_of(name, time) if rate is None else rate,
             "offset_s": offset_s,
             "loaded": loaded,
@@ -216,7 +216,7 @@ class Log:
             }
             time = self.time[0] + at / self.rate
             self._finer[key] = replace(
-                self, time=time, rate=self.rate * factor, columns=columns, repaired={}, weights={}
+                self, time=time, rate=self.rate * factor, columns=columns, repaired={}, sampled={}
             )
         return self._finer[key]
 
@@ -225,9 +225,17 @@ class Log:
         return {}
 
     def weight(self, name: str) -> Array:
-        """What the samples of a column weigh in a fit (n,): 1; less where they are interpolated; 0 where repaired."""
+        """What the points of a column weigh in a fit (n,): 1; samples a point where it is a spline; 0 where repaired."""
         there = np.logical_not(self.repaired.get(name, np.zeros(self.n, dtype=bool)))
-        return there * self.weights.get(name, np.ones(self.n))
+        if name not in self.sampled:
+            return there.astype(float)
+        at = self.sampled[name]
+        steps = np.searchsorted(at, np.arange(self.n), side="right")
+        return there / np.maximum(np.diff(at), 1.0)[np.clip(steps - 1, 0, len(at) - 2)]
+
+    def rate_of(self, name: str) -> float:
+        """Samples a second of a column [Hz]."""
+        return self.rate * len(self.sampled.get(name, self.time)) / self.n
 
     def whole(self, reach_s: float, longest: int) -> Array:
         """Samples (n,) bool further than reach_s from every repaired stretch of more than `longest` samples."""
@@ -240,9 +248,12 @@ class Log:
         """Some of the samples, with other fields changed."""
         cut: dict[str, Any] = {
             key: {name: np.ascontiguousarray(values[rows]) for name, values in getattr(self, key).items()}
-            for key in ("columns", "repaired", "weights")
+            for key in ("columns", "repaired")
         }
         cut["repaired"] = {name: marks for name, marks in cut["repaired"].items() if marks.any()}
+        first, last = rows.start or 0, len(self.time[rows]) - 1
+        sampled = {name: at[(at >= first) & (at <= first + last)] - first for name, at in self.sampled.items()}
+        cut["sampled"] = {name: at for name, at in sampled.items() if len(at) > 1}
         cut["offset_s"] = self.offset_s + (rows.start or 0) / self.rate
         return replace(self, time=np.ascontiguousarray(self.time[rows]), **cut, **changes)
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from hexsim.declaration import Machine
+from hexsim.readers.one_grid import splined
 from hexsim.signals.channels import kind_of
 from hexsim.smoothness import band_limit
 from hexsim.tracing import rules
@@ -64,6 +65,7 @@ def noise_floor(problem: SimulatedProblem, i: int) -> dict[str, float]:
     floor = {}
     for name in problem.channels(i):
         noise = problem.noise[kind_of(name)] * rng.standard_normal(log.n)
+        noise = splined(0.0 * noise, log.sampled[name], noise) if name in log.sampled else noise
         floor[name] = float(np.sqrt(np.mean(banded(name, log.time, noise)[problem.settle(i) :] ** 2)))
     return floor
 

@@ -192,16 +192,30 @@ def test_a_sparse_table_holds_two_clocks(tmp_path):
     )
 
 
-def test_a_value_that_a_logger_repeats_is_no_sample(tmp_path):
-    """A pressure of 100 Hz in rows of 500 Hz, each value five times: between its samples a curve, no stairs, with their weight."""
-    table = pl.DataFrame({"time_s": T, "position_m": 1e-3 * TRUE["Pos"], "pressure_bottom_Pa": 1e5 * TRUE["p1"]})
-    every = pl.when(pl.int_range(pl.len()) % 5 == 2).then(pl.col("pressure_bottom_Pa")).forward_fill()
-    table.with_columns(every.alias("pressure_bottom_Pa"))[2:].write_csv(tmp_path / "log.csv")
+@pytest.mark.parametrize("rows", [5.0, 2.5, 1.6, 3.7])
+@pytest.mark.parametrize("name", ["pressure_bottom_Pa", "position_m"])
+def test_a_value_that_a_logger_repeats_is_no_sample(tmp_path, name, rows):
+    """A channel that is sampled every 1.6 to 5 rows and repeated in all others: between its samples a curve, no stairs."""
+    true = {
+        "position_m": lambda t: 0.1 + 0.038 * np.sin(4.4 * t),
+        "pressure_bottom_Pa": lambda t: 3e6 + 3e5 * np.sin(4.4 * t),
+    }
+    table = {"time_s": T, **{column: own(T) for column, own in true.items()}}
+    taken = rows * np.floor(np.arange(len(T)) / rows + 1e-9) / 500.0
+    pl.DataFrame(table | {name: true[name](taken)}).write_csv(tmp_path / "log.csv")
     log = readers.read_log(tmp_path / "log.csv")
-    true = 1e5 * TRUE["p1"][2 : 2 + log.n]
-    assert log.columns["pressure_bottom_Pa"] == pytest.approx(true, rel=1e-4)
-    assert np.max(log.weight("pressure_bottom_Pa")[5:-5]) == pytest.approx(0.2)
-    assert any("every 5. row" in loss for loss in log.losses)
+    size = np.ptp(true[name](T))
+    assert log.columns[name][10:-10] == pytest.approx(true[name](log.time)[10:-10], abs=1e-4 * size)
+    assert log.rate_of(name) == pytest.approx(500.0 / rows, rel=0.01)
+    assert any(name in loss and f"every {rows:g}. row" in loss for loss in log.losses)
+
+
+def test_a_repeated_value_is_a_sample_where_a_transducer_is_coarse(tmp_path):
+    """A position in steps of 1 mm stands still in most rows, at no even rate: each row is a sample."""
+    coarse = 1e-3 * np.round(100.0 + 38.0 * np.sin(4.4 * T) + 0.4 * np.random.default_rng(1).standard_normal(len(T)))
+    pl.DataFrame({"time_s": T, "position_m": coarse}).write_csv(tmp_path / "log.csv")
+    log = readers.read_log(tmp_path / "log.csv")
+    assert not log.sampled and log.columns["position_m"] == pytest.approx(coarse[: log.n])
 
 
 def test_two_rates_in_one_file(tmp_path):

@@ -75,9 +75,9 @@ def test_a_slower_topic_is_interpolated_and_weighs_less(bag):
     assert (log.rate, log.n) == (100.0, 199)
     assert log.columns["turn_rad_s"] == pytest.approx(2 * log.time, abs=1e-9)
     assert log.columns["joint"] == pytest.approx(np.sin(log.time), abs=1e-12)
-    assert set(log.weights) == {"turn_rad_s"} and log.weight("turn_rad_s") == pytest.approx(np.full(199, 0.5))
+    assert set(log.sampled) == {"turn_rad_s"} and log.weight("turn_rad_s") == pytest.approx(np.full(199, 0.5))
     assert any(
-        "turn_rad_s: 100 samples, the grid has 200 points: interpolated, weight 0.5" in loss for loss in log.losses
+        "turn_rad_s: 100 samples, the grid has 200 points: compared at its samples alone" in loss for loss in log.losses
     )
 
 

@@ -47,8 +47,8 @@ def bends_at(acceleration: Array, volts: Array, ticks: slice) -> slice:
 
 
 def tick_samples(log: Log, leg: int, controller_Hz: float) -> slice | None:
-    """Samples at which the volts of a leg change, None where they may at every sample or are not logged."""
-    every = round(log.rate / controller_Hz)
+    """Samples at which the volts of a leg change, None where they may at every sample of an acceleration or are not logged."""
+    every = round(min(map(log.rate_of, log.names("acceleration")), default=log.rate) / controller_Hz)
     if every < 2 or log.volts is None:
         return None
     steps = np.abs(np.diff(log.volts[leg], prepend=log.volts[leg, :1]))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.declaration import Machine
+from hexsim.readers.one_grid import as_read
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import HALF_WIDTH_S
@@ -20,7 +21,7 @@ FILLED_WELL = 2  # samples: so short a gap is filled as well as a sample is know
 
 
 def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.random.Generator) -> Log:
-    """White noise on every channel; the position is rounded as its transducer rounds."""
+    """White noise on every sample; the position is rounded as its transducer rounds."""
 
     def noisy(rows: Array | None, kind: str) -> Array | None:
         return None if rows is None else rows + noise[kind] * rng.standard_normal(rows.shape)
@@ -29,7 +30,7 @@ def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.ran
     if resolution > 0:
         sharp = np.sqrt(max(noise["position_m"] ** 2 - resolution**2 / 12, 0.0))
         position = resolution * np.round((log.position + sharp * rng.standard_normal(log.position.shape)) / resolution)
-    return replace(
+    own = replace(
         log,
         position=position,
         pressure=noisy(log.pressure, "pressure_bottom_Pa"),
@@ -39,6 +40,7 @@ def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.ran
         acceleration=noisy(log.acceleration, "acceleration_m_s2"),
         angular=noisy(log.angular, "angular_acceleration_rad_s2"),
     )
+    return as_read(log, own)
 
 
 def used(log: Log, residual: Array) -> Array:

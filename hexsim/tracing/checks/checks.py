@@ -228,7 +228,7 @@ def sensors_against_each_other(log: Log, machine: Machine) -> list[Finding]:
     return [
         finding
         for name, result in results.items()
-        for finding in agreement_findings(name, result, staircase_bias(machine, log.rate), log.rate)
+        for finding in agreement_findings(name, result, staircase_bias(machine, log.rate_of(name)), log.rate)
     ]
 
 

@@ -69,7 +69,7 @@ def acceleration_agreement(log: Log, machine: Machine, order: tuple[int, ...] | 
         reference = platform_acceleration(y, machine, look)
     updates = tick_samples(log, 0, machine.controller.rate_Hz)
     if updates is None:
-        updates = sharpest(log.columns[names[0]], round(log.rate / machine.controller.rate_Hz))
+        updates = sharpest(log.columns[names[0]], round(log.rate_of(names[0]) / machine.controller.rate_Hz))
     sigma = machine.sensors.position_error_m + 1e-7
     impulse = np.zeros(4 * look.half + 1)
     impulse[2 * look.half] = sigma

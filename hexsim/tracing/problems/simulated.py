@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from hexsim.declaration import Machine
+from hexsim.readers.one_grid import as_read
 from hexsim.signals.channels import SETTLE_S, channel_arrays, kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
@@ -43,10 +44,10 @@ class SimulatedProblem(FitProblem):
         object.__setattr__(self, "weights", tuple(self._weight(i) for i in range(len(self.logs))))
 
     def _weight(self, i: int) -> Array | float:
-        """Roots of the samples' weights: 0 where a sample was repaired, less than 1 where it is interpolated; the others of
+        """Roots of the samples' weights: 0 where a sample was repaired, less than 1 between samples; the others of
         its channel weigh more than repaired ones left, so that noise keeps its size."""
         log = self.logs[i]
-        if not log.repaired and not log.weights:
+        if not log.repaired and not log.sampled:
             return 1.0
         rows = np.sqrt(np.stack([log.weight(name) for name in self.channels(i)]))[:, self.settle(i) :]
         return rows / np.sqrt(np.maximum((rows > 0).mean(axis=1, keepdims=True), 1.0 / log.n))
@@ -74,7 +75,7 @@ class SimulatedProblem(FitProblem):
         return np.stack(list(channel_arrays(self.simulated(machine, i, off_Pa)).values()))
 
     def simulated(self, machine: Machine, i: int, off_Pa: Array | float = 0.0) -> Log:
-        """Log i as the machine would have written it, without noise; channels that it has not are left out.
+        """Log i as the machine would have written it, without noise, and its reader read it; channels that it has not are left out.
 
         off_Pa (n_legs,): added to the pressures in which it begins.
         """
@@ -82,7 +83,7 @@ class SimulatedProblem(FitProblem):
         there = {
             stem: rows for stem, rows in out.items() if stem in ("position", "valve") or log.signal(stem) is not None
         }
-        return replace(log, **there)
+        return as_read(replace(log, **there))
 
     def simulated_or_refused(self, machine: Machine, i: int) -> None:
         """Raises the reason where the machine cannot be built along log i."""
