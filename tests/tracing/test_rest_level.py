@@ -225,7 +225,29 @@ def test_a_number_that_every_block_shifts_alike_is_known_no_better_than_what_is_
     )  # fmt: skip
     found = rest_level.RestFit(fit=fit, columns=[across[None]], cost=0.0)
     problem = balance_problem.BalanceProblem(logs=(log,), parts=(row,))
-    assert np.sqrt(rest_level.covariance_of(found, problem)[0, 0]) == pytest.approx(0.2, rel=1e-3)
+    assert np.sqrt(rest_level.covariance_of(found, problem, [])[0, 0]) == pytest.approx(0.2, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
+def test_a_number_is_no_sharper_than_what_may_be_there_unseen(monkeypatch, share):
+    """An effect that does the same moves a number by as much of it as machines have without being remarkable; of one that does a
+    part of the same, the logs see the other part, and no more of it can hide than they leave; what does something else takes nothing."""
+    time = np.arange(2000) * 1e-2
+    log = Log(name="fit", kind="bench", time=time, rate=100.0, position=np.zeros((1, 2000)))
+    row = balance_problem.BalanceRows(balance=balances.balance_named("continuity", BENCH), sigma=np.ones(1), rows=(0,))
+    own, other = (np.sqrt(2.0) * wave(np.pi * time)[None] for wave in (np.sin, np.cos))
+    fit = least_squares.Fit(
+        machine=BENCH, priors=(), deviations=np.zeros(0), candidates=(named("spring"),), values=({"stiffness_N_m": 0.0},),
+        chi2=0.0, n=2000, misfit=[2.0 * np.sqrt(2.0) * np.sin(7.0 * np.pi * time)[None]],
+    )  # fmt: skip
+    found, unfitted = rest_level.RestFit(fit=fit, columns=[own[None]], cost=0.0), named("hardening_spring")
+    problem = balance_problem.BalanceProblem(logs=(log,), parts=(row,))
+    column = share * own + np.sqrt(1.0 - share**2) * other
+    monkeypatch.setattr(rest_level, "columns_of", lambda fit, candidates, problem: [[column] for _ in candidates])
+    alone, beside = (rest_level.covariance_of(found, problem, some)[0, 0] for some in ([], [unfitted, named("spring")]))
+    known = 100.0 / 4.0  # 1/variance of a column of size 1 beside a rest of size 2 in 100 correlation times
+    hidden = 1.0 / (known * (1.0 - share**2) + 3.0 / rest_priors.least_remarkable(unfitted) ** 2)
+    assert beside - alone == pytest.approx(share**2 * hidden, rel=1e-2, abs=1e-9)
 
 
 def test_an_effect_in_one_leg_is_told_with_what_all_legs_share_of_it():

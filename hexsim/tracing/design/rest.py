@@ -48,8 +48,8 @@ class OpenRest:
     """Hypotheses of a machine that no model fits, the best first, and what the logs know.
 
     first: the best, with its errors and the numbers that are asked for.  own: the effect whose rows the tie rule reads.
-    known: of each hypothesis, normal matrix with priors.  library: where nothing is named, all other effects, with their
-    columns over the logs.
+    known: of each hypothesis, normal matrix with priors.  possible: what else may be there, unseen.  library: where nothing is
+    named, all other effects, with their columns over the logs.
     """
 
     labels: tuple[str, ...]
@@ -59,6 +59,7 @@ class OpenRest:
     problem: BalanceProblem
     simulated: SimulatedProblem
     known: tuple[Array, ...]
+    possible: tuple[Candidate, ...]
     library: tuple[Candidate, ...]
     library_columns: tuple[list[Array], ...]
 
@@ -100,7 +101,7 @@ def open_rest(
     kept = [k for k, own in enumerate(columns) if all(np.isfinite(c).all() and np.any(c) for c in own)]
     known = tuple(rest_level.weighted_system(one.fit, one.columns, problem)[0] for one in found)
     fit, labels = (
-        replace(best.fit, covariance=rest_level.covariance_of(best, problem)),
+        replace(best.fit, covariance=rest_level.covariance_of(best, problem, possible)),
         labels_of(found, named),
     )
     return OpenRest(
@@ -111,6 +112,7 @@ def open_rest(
         problem=problem,
         simulated=replace(simulated, feedback=0),
         known=known,
+        possible=tuple(possible),
         library=tuple(library[k] for k in kept),
         library_columns=tuple(columns[k] for k in kept),
     )
@@ -277,7 +279,7 @@ def rehearsed(asked: OpenRest, log: Log) -> Promise:
         (asked.labels[0], label): apart(best, other, asked, whole)
         for label, other in zip(asked.labels[1:], others, strict=True)
     }
-    fit = replace(best.fit, covariance=rest_level.covariance_of(best, whole))
+    fit = replace(best.fit, covariance=rest_level.covariance_of(best, whole, asked.possible))
     numbers = replace(asked.first, fit=fit).numbers
     return Promise(
         separations=separations, errors=tuple(n.standard_error for n in numbers), information=0.0, needed=SEPARATED,

@@ -16,6 +16,7 @@ from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, in_range, to_coordinate, to_value
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
+from hexsim.tracing.fitting.rest_priors import least_remarkable
 from hexsim.tracing.problems.balance import BalanceProblem
 
 Array = np.ndarray
@@ -164,13 +165,6 @@ def restored(before: Array, after: Array) -> float:
     """Share of the mean square above the noise that is gone from rows of these sizes; 0 where there is none."""
     above = [float(np.sum(np.maximum(sizes**2 - 1.0, 0.0))) for sizes in (before, after)]
     return 1.0 - above[1] / above[0] if above[0] > rules.TELLABLE else 0.0
-
-
-def least_remarkable(candidate: Candidate) -> float:
-    """Coordinate from which a machine is remarkable for the effect."""
-    ordinary = rules.ORDINARY.get(candidate.effect.name)
-    size = candidate.effect.parameters[0]
-    return abs(to_coordinate(size, ordinary)) * rules.REMARKABLE if ordinary else rules.REMARKABLE_SHARE
 
 
 def shared_size(fit: Fit, candidate: Candidate) -> float:

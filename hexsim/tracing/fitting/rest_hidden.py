@@ -18,8 +18,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import Candidate, to_value
-from hexsim.tracing.fitting.rest_evidence import least_remarkable
-from hexsim.tracing.fitting.rest_priors import prior_precision
+from hexsim.tracing.fitting.rest_priors import least_remarkable, prior_precision
 
 Array = np.ndarray
 

@@ -18,7 +18,7 @@ from scipy.optimize import lsq_linear
 
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import lag_coordinates
-from hexsim.tracing.fitting.covariance import scattered
+from hexsim.tracing.fitting.covariance import inverse, scattered
 from hexsim.tracing.fitting.fit import (
     KEPT,
     Fit,
@@ -32,7 +32,8 @@ from hexsim.tracing.fitting.fit import (
 )
 from hexsim.tracing.fitting.normal import fall_of, normal_equations, without_each
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
-from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, prior_precision
+from hexsim.tracing.fitting.rest_priors import is_held, least_remarkable, middle_of, off_prior, prior_precision
+from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -204,17 +205,41 @@ def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tupl
     return A, b
 
 
-def covariance_of(found: RestFit, problem: FitProblem) -> Array:
+def covariance_of(found: RestFit, problem: FitProblem, possible: Sequence[Candidate]) -> Array:
     """Covariance of all coordinates (`covariance.scattered`), its blocks longer than the rest's correlation; a nuisance effect is
     known to its ordinary size.
 
     What shifts a number may do so alike in every block: then the blocks agree, and J's curvature alone says how far.
+    possible: effects that may be there as well (`unseen`).
     """
     fit, roots = found.fit, np.sqrt(row_weights(found.fit, problem))
     weighted = [roots[:, None] * r for r in fit.misfit]
     columns = [[roots[None, :, None] * X] for X in found.columns]
     A = weighted_system(fit, found.columns, problem)[0]
-    return scattered(A, prior_precision(fit), without_each(A, columns, weighted, problem, rules.REST_BLOCK_S))
+    own = scattered(A, prior_precision(fit), without_each(A, columns, weighted, problem, rules.REST_BLOCK_S))
+    return own + unseen(found, A, possible, problem)
+
+
+def unseen(found: RestFit, A: Array, possible: Sequence[Candidate], problem: FitProblem) -> Array:
+    """What the coordinates' covariance gains by effects that are not fitted, for each may be there below the size that is
+    remarkable (considered parameters, Schmidt 1966):
+
+        T (D - B'T)^-1 T',   T = A^-1 B    the coordinates' move by a unit of each effect
+                             B, D          of J beside them, D with 3 over the square of the least remarkable size
+
+    D - B'T is what the logs and that size know of the effects together. A number that trades with one of them is not sharp.
+    """
+    there = {candidate.label for candidate in found.fit.candidates}
+    others = [candidate for candidate in possible if candidate.label not in there]
+    columns = zip(others, columns_of(found.fit, others, problem), strict=True)
+    seen = [(one, own) for one, own in columns if all(np.isfinite(X).all() for X in own)]
+    if not seen:
+        return np.zeros_like(A)
+    whole = [np.concatenate([X, *(own[i][None] for _, own in seen)]) for i, X in enumerate(found.columns)]
+    m, joint = len(A), weighted_system(found.fit, whole, problem)[0]
+    T = inverse(A) @ joint[:m, m:]
+    held = [3.0 / least_remarkable(one) ** 2 for one, _ in seen]
+    return T @ inverse(joint[m:, m:] + np.diag(held) - joint[m:, :m] @ T) @ T.T
 
 
 def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:

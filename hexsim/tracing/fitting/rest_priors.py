@@ -7,7 +7,7 @@ import numpy as np
 from hexsim.hydraulics.effects import EffectParameter
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, coordinates_of
-from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, named, to_value
+from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, named, to_coordinate, to_value
 
 Array = np.ndarray
 
@@ -61,3 +61,10 @@ def acts_late(candidate: Candidate) -> bool:
     """Is its size a delay or a time constant, or that of a lag that vanishes at infinity?"""
     number = candidate.effect.parameters[0]
     return number.unit in ("s", "Hz")
+
+
+def least_remarkable(candidate: Candidate) -> float:
+    """Coordinate from which a machine is remarkable for the effect."""
+    ordinary = rules.ORDINARY.get(candidate.effect.name)
+    size = candidate.effect.parameters[0]
+    return abs(to_coordinate(size, ordinary)) * rules.REMARKABLE if ordinary else rules.REMARKABLE_SHARE

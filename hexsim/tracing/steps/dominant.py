@@ -30,10 +30,10 @@ from hexsim.tracing.fitting.fit import (
     without_effect,
 )
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds
-from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
+from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, sure
 from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
 from hexsim.tracing.fitting.rest_level import RestFit
-from hexsim.tracing.fitting.rest_priors import acts_late, effects_of
+from hexsim.tracing.fitting.rest_priors import acts_late, effects_of, least_remarkable
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import inert, residual_at_noise_level
 from hexsim.tracing.held_out import at_the_rest, refused
@@ -299,7 +299,7 @@ def stated_of(found: Sure, trace: Trace) -> Fit:
         own = problem.beside_own_samples(trace.fit_problem)
         start = start_fit_at(best.fit, own)
         best, problem = (rest_level.refined(start, own), own) if np.isfinite(start.chi2) else (best, problem)
-    return replace(best.fit, covariance=rest_level.covariance_of(best, problem))
+    return replace(best.fit, covariance=rest_level.covariance_of(best, problem, trace.candidates))
 
 
 def named_by_simulation(
