@@ -531,5 +531,5 @@ def test_a_tie_takes_the_effect_that_was_named_since(monkeypatch):
         SimpleNamespace(fit=SimpleNamespace(candidates=[SimpleNamespace(label=label)])) for label in ("air", "leak")
     )
     assert dominant.propagate(tie, best, "problem") == "fit"
-    assert asked.call_args.args == (tie, best.fit.candidates[-1], "problem", 0.3, -np.inf, -np.inf)
+    assert asked.call_args.args == (tie, best.fit.candidates[-1], "problem", 0.3)
     assert dominant.propagate(best, best, "problem") is None

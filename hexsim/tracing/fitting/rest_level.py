@@ -267,14 +267,22 @@ def without_nuisance(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Arr
     return bare, [X[places] for X in base.columns]
 
 
-def with_effect(
+def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: float) -> RestFit:
+    """The base with one more effect of this size, refitted, the base's columns kept."""
+    begun = begun_with(base, candidate, problem, size, -np.inf, -np.inf)
+    assert begun is not None
+    return ended(base, begun, problem)
+
+
+def begun_with(
     base: RestFit, candidate: Candidate, problem: FitProblem, start: Array | float, least: float, promised: float
 ) -> RestFit | None:
-    """The base with one more effect, refitted, the base's columns kept; None when J does not begin lower by `least`.
+    """The base with one more effect, refitted without quick rows, which make many valleys, the base's columns kept; None when J
+    does not begin lower by `least`.
 
     start: coordinates that the columns ask for, the effect's first number last, or that number alone. Begun there where J
     falls as they promised, else with this effect alone, at this size or at a larger one, whatever leaves least: a delay's
-    column tells little of a delay ten times as long. At first without quick rows: they make many valleys.
+    column tells little of a delay ten times as long.
     """
     bare, columns = without_nuisance(base, candidate)
     here, size = coordinates_of(bare), float(np.atleast_1d(start)[-1])
@@ -286,10 +294,16 @@ def with_effect(
         sizes = (size, *(side * start for start in (STARTS if least < 0.0 else STARTS[:1])))
         alone = [initialise(bare, candidate, np.append(here, size), problem) for size in sizes]
         fit = min((fit, *alone), key=lambda fit: cost_of(fit, slow))
-    if not cost - cost_of(fit, slow) > least:
-        return None
-    found = refined(fit, slow, columns)
-    return found if slow is problem else refined(found.fit, problem, columns)
+    return refined(fit, slow, columns) if cost - cost_of(fit, slow) > least else None
+
+
+def ended(base: RestFit, begun: RestFit, problem: FitProblem, near: bool = True) -> RestFit:
+    """What was begun without quick rows, as all rows see it; near: refitted to them, too."""
+    if problem.slow_alone() is problem:
+        return begun
+    if near:
+        return refined(begun.fit, problem, without_nuisance(base, begun.fit.candidates[-1])[1])
+    return replace(begun, cost=cost_of(begun.fit, problem))
 
 
 def initialise(bare: Fit, candidate: Candidate, start: Array, problem: FitProblem) -> Fit:

@@ -71,10 +71,13 @@ def rivals_of(
     def tried_with(job: Job) -> RestFit | None:
         promised, candidate, start = job
         begins = -least_fall(problem) if promised > least else least  # a promise may begin with a loss
-        return rest_level.with_effect(base, candidate, problem, start, begins, max(promised, least))
+        return rest_level.begun_with(base, candidate, problem, start, begins, max(promised, least))
 
-    tried = in_parallel(tried_with, jobs)
-    acting = [rival for rival in tried if rival is not None and not inert(rival.fit, problem)]
+    slow = rest_level.cost_of(base.fit, problem.slow_alone())
+    begun = [(slow - own.cost, own) for own in in_parallel(tried_with, jobs) if own is not None]
+    contend = rules.MAIN * max((fall for fall, _ in begun), default=0.0)  # of what falls less, no more is asked
+    tried = in_parallel(lambda own: rest_level.ended(base, own[1], problem, own[0] > contend), begun)
+    acting = [rival for rival in tried if not inert(rival.fit, problem)]
     return sorted(acting, key=lambda rival: rival.cost), hidden
 
 
@@ -165,7 +168,7 @@ def propagate(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit |
     own, size = best.fit.candidates[-1], rest_level.size_of(best.fit)
     if own.label in {c.label for c in effects_of(tie.fit)}:
         return None
-    return rest_level.with_effect(tie, own, problem, size, -np.inf, -np.inf)
+    return rest_level.with_effect(tie, own, problem, size)
 
 
 def label_of(rival: RestFit) -> str:

@@ -94,7 +94,10 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
         if opening.reduced > rules.NEAR:
             return None
         own = head.with_input_uncertainty(opening.fitted_machine())
-        opening = refine(start_fit_at(opening, own), own, fresh=True, worth=worth)
+        judged = start_fit_at(opening, own)
+        if judged.chi2 >= opening.chi2:  # its own inputs leave no more unknown
+            return None
+        opening = refine(judged, own, fresh=True, worth=worth)
         if not residual_at_noise_level(opening.misfit, share):
             return None
         whole = fitted_from((opening, rival), problem.with_input_uncertainty(opening.fitted_machine()))
