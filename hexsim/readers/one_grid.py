@@ -13,7 +13,8 @@ import scipy
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import HOLE, ClockGroup, periods, runs
 from hexsim.readers.clocks import STAMPS, long_period
-from hexsim.signals.log import Log, hold_of
+from hexsim.readers.repeats import samples_of
+from hexsim.signals.log import Log
 
 Array = np.ndarray
 
@@ -292,15 +293,17 @@ def held_values(x: Array) -> Array | None:
 
     A tick whose samples are all missing lies on a cubic spline through the others.
     """
-    there = np.isfinite(x)
-    found = hold_of(x)
+    points = np.arange(len(x), dtype=float)
+    found = samples_of(points, x)
     if found is None:
         return None
-    hold, phase = found
-    tick = (np.arange(len(x)) - phase) // hold + 1
-    known, first = np.unique(tick[there], return_index=True)
-    value = scipy.interpolate.make_interp_spline(known, x[there][first], k=3)(tick)
-    value[np.isin(tick, known)] = x[there][first][np.searchsorted(known, tick[np.isin(tick, known)])]
+    ticks, rows = found
+    period = float(np.min(np.diff(ticks)))
+    tick = np.floor((points - ticks[0]) / period + STAMPS.even)
+    known = np.round((ticks - ticks[0]) / period)
+    value = scipy.interpolate.make_interp_spline(known, x[rows], k=3)(tick)
+    there = np.isin(tick, known)
+    value[there] = x[rows][np.searchsorted(known, tick[there])]
     return value
 
 

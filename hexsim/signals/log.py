@@ -262,17 +262,6 @@ class Log:
         return self.part(slice(0, min(int(duration_s * self.rate), self.n)))
 
 
-def hold_of(x: Array) -> tuple[int, int] | None:
-    """(samples of a tick, first sample of one) of a signal (n,) that a computer holds between its ticks; None for others."""
-    there = np.isfinite(x)
-    changes = np.flatnonzero((np.diff(x) != 0) & there[1:] & there[:-1]) + 1
-    hold = int(np.median(np.diff(changes))) if len(changes) > 50 else 1
-    if hold < 2:
-        return None
-    phase = int(np.bincount(changes % hold).argmax())
-    return (hold, phase) if np.mean(changes % hold == phase) >= 0.98 else None
-
-
 def _rate_of(name: str, time: Array) -> float:
     if len(time) < 2:
         raise HexsimError(f"the log of {name!r} has {len(time)} rows; two at least are needed")
