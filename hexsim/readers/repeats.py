@@ -59,7 +59,8 @@ def samples_of(
 ) -> tuple[Array, Array] | None:
     """(places of the samples, the row that shows each) of a signal x (n,) in rows at u (n,); None where every row is a sample."""
     there = np.flatnonzero(np.isfinite(x))
-    c = u[there[1:]][np.diff(x[there]) != 0]
+    both = np.isfinite(x[1:]) & np.isfinite(x[:-1])  # a change is seen in its own row
+    c = u[1:][both & (x[1:] != x[:-1])]
     if len(c) <= least or len(there) - len(c) <= least:
         return None
     head = c[:enough]
@@ -83,12 +84,15 @@ def frequencies(
     c: Array,
     *,
     strong_share: float = 0.5,  # of the strongest line: the lines of a comb are alike, those of 2.5 rows are not
+    by_chance: float = 6.0,  # times the rms of all lines: chance has one once in 10^15
     most: int = 4,
 ) -> list[float]:
     """Rates [1/row] at which changes at c may come, the slowest first; more than half of the rows: as what is less than 1."""
     marks = np.zeros(scipy.fft.next_fast_len(int(c[-1]) + 2))
     np.add.at(marks, np.round(c).astype(int), 1.0)
     size = np.abs(scipy.fft.rfft(marks - marks.mean()))
+    if size.max() <= by_chance * np.sqrt(np.mean(size**2)):
+        return []
     around = np.concatenate([[np.inf], size, [0.0]])
     line = np.flatnonzero((size >= strong_share * size.max()) & (size >= around[:-2]) & (size > around[2:]))
     line = line[:most] / len(marks)
