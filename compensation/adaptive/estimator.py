@@ -43,8 +43,8 @@ from .leg import (
     DELAY,
     DRIFT,
     HOLD,
-    LN_BRISTLE,
-    LN_REG,
+    GIVE,
+    REG,
     LN_SPOOL,
     LN_STRIBECK,
     MASS,
@@ -342,7 +342,7 @@ def friction(n, v, noise_m_s):
     """Steady friction [N] of numbers n (N_NUMBERS,) at a speed v that is measured with an error: what its sign is known as."""
     up = v >= 0.0
     dry = n[COULOMB_UP if up else COULOMB_DN] + n[STATIC_UP if up else STATIC_DN] * exp(-abs(v) / exp(n[LN_STRIBECK]))
-    return dry * tanh(v / (exp(n[LN_REG]) + noise_m_s)) + n[VISCOUS_UP if up else VISCOUS_DN] * v
+    return dry * tanh(v / (n[REG] + noise_m_s)) + n[VISCOUS_UP if up else VISCOUS_DN] * v
 
 
 @compiled
@@ -466,7 +466,7 @@ def _work_tick(s):
         fit.b[:] = 0.0
         trial.chi[n, 0] = trial.chi[n, 1] = 0.0
     trial.friction_N[n, k] = (
-        exp(trial.numbers[LN_BRISTLE]) * fit.x[Z]
+        fit.x[Z] / trial.numbers[GIVE]
         + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
     )
     read_tick(
@@ -687,7 +687,7 @@ def _elsewhere(fit, which):
     n[:] = fit.best.numbers
     late_s = valve_lag_s(n)
     if which == BRISTLE:
-        n[LN_BRISTLE] += ELSEWHERE * fit.sd[LN_BRISTLE]
+        n[GIVE] -= ELSEWHERE * fit.sd[GIVE]
     elif which == WIDE:
         n[PLAY] += ELSEWHERE * fit.sd[PLAY]
     elif which == FAST_SPOOL:
@@ -697,7 +697,7 @@ def _elsewhere(fit, which):
         n[AMP_LAG] = n[DELAY] = 0.0
         n[ZETA] = fit.mean[ZETA]
         n[LN_SPOOL] += log(valve_lag_s(n) / max(late_s, SHORTEST_LAG_s))
-    for k in (LN_BRISTLE, LN_SPOOL, DELAY, PLAY):
+    for k in (GIVE, LN_SPOOL, DELAY, PLAY):
         n[k] = min(max(n[k], fit.low[k]), fit.high[k])
 
 

@@ -16,8 +16,8 @@ from .leg import (
     DEAD_UP,
     DELAY,
     DRIFT,
-    LN_BRISTLE,
-    LN_REG,
+    GIVE,
+    REG,
     LN_STRIBECK,
     M1,
     M2,
@@ -81,10 +81,10 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
     v = x[V]
     up = v >= 0.0
     coulomb, static = (COULOMB_UP, STATIC_UP) if up else (COULOMB_DN, STATIC_DN)
-    cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
+    cs, reg, sigma = exp(th[LN_STRIBECK]), th[REG], 1.0 / th[GIVE]
     fade, turn = exp(-abs(v) / cs), tanh(v / reg)
     x[Z] = (th[coulomb] + th[static] * fade) * turn / sigma
-    S[Z, coulomb], S[Z, static], S[Z, LN_BRISTLE] = turn / sigma, fade * turn / sigma, -x[Z]
+    S[Z, coulomb], S[Z, static], S[Z, GIVE] = turn / sigma, fade * turn / sigma, x[Z] * sigma
     S[Z, LN_STRIBECK] = th[static] * fade * abs(v) / cs * turn / sigma
 
 

@@ -31,14 +31,14 @@ NAMES = (
     "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
     "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "turbulent_Pa", "laminar", "leak", "leak_tank",
     "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
-    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s", "notch",
+    "reg_m_s", "give_m_N", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s", "notch",
     "skew_up_V", "skew_dn_V", "leak_supply", "leak_supply_top", "leak_tank_top",  # of a four-way valve alone
 )  # fmt: skip
 N_NUMBERS, N_SPOOL = len(NAMES), 5  # of these the first act on the spool
 (
     LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, TURBULENT, LAMINAR, LEAK,
-    LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, LN_REG,
-    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, NOTCH, SKEW_UP, SKEW_DN,
+    LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, REG,
+    GIVE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, NOTCH, SKEW_UP, SKEW_DN,
     LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP,
 ) = range(N_NUMBERS)  # fmt: skip
 N_SHEET = 14  # places in a sheet (N_SHEET,): what is declared
@@ -227,7 +227,7 @@ def tangent(
     kp = h / (th[PRESSURE_LAG] + h)
     dkp = -kp * kp / h
     E = sheet[S_E] / (1.0 + th[SOFT])
-    cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
+    cs, reg, sigma = exp(th[LN_STRIBECK]), th[REG], 1.0 / th[GIVE]
     flow = sheet[S_FLOW]
     gu, gd = flow * th[GAIN_UP], flow * th[GAIN_DN]
     tank, m = sheet[S_TANK], th[MASS] * sheet[S_OWN]
@@ -370,14 +370,14 @@ def tangent(
             d = v_den * den_g * lncs
             Sv[LN_STRIBECK] += d
             Sz[LN_STRIBECK] += h * d / den + z_den * den_g * lncs
-            dreg = h * sigma / g * vr_reg
+            dreg = h * sigma / g * vr_reg / reg
             d = v_den * dreg
-            Sv[LN_REG] += d
-            Sz[LN_REG] += h * d / den + z_den * dreg
-            dsig = den - 1.0
-            d = v_den * dsig - hb * (sigma * z / den + v1 * sigma * h / den)
-            Sv[LN_BRISTLE] += d
-            Sz[LN_BRISTLE] += h * d / den + z_den * dsig
+            Sv[REG] += d
+            Sz[REG] += h * d / den + z_den * dreg
+            dgive = (1.0 - den) * sigma
+            d = hb * (z + v1 * h) * (sigma / den) * (sigma / den)
+            Sv[GIVE] += d
+            Sz[GIVE] += h * d / den + z_den * dgive
             d = -hb * v1
             Sv[viscous] += d
             Sz[viscous] += h * d / den

@@ -34,8 +34,8 @@ from .leg import (
     LEAK_SUPPLY_TOP,
     LEAK_TANK,
     LEAK_TANK_TOP,
-    LN_BRISTLE,
-    LN_REG,
+    GIVE,
+    REG,
     LN_ROUND,
     LN_ROUND_RATIO,
     LN_SPOOL,
@@ -77,7 +77,7 @@ GRAVITY_m_s2 = 9.81  # between a held force and a mass
 NONE = 1e300  # no bound
 # units of the figures below: numerator and denominator in `fill_prior`
 (
-    ONE, VOLTS, PER_VOLT, PER_VOLT2, VOLTS2, FORCE, FORCE_A_STROKE, FORCE_A_SPEED, WEIGHT, HELD, LEAKS, PER_FLOW, STIFFNESS,
+    ONE, VOLTS, PER_VOLT, PER_VOLT2, VOLTS2, FORCE, FORCE_A_STROKE, FORCE_A_SPEED, WEIGHT, HELD, LEAKS, PER_FLOW, GIVES,
     STRIBECK,
 ) = range(14)  # fmt: skip
 # Number, mean, standard deviation, lowest, highest, unit; and 1 where the number is a logarithm: of that mean and those bounds. All are
@@ -120,8 +120,8 @@ TABLE = np.array([
     (VISCOUS_UP, 0.035, 0.0175, 0.0, NONE, FORCE_A_SPEED, 0),
     (VISCOUS_DN, 0.035, 0.0175, 0.0, NONE, FORCE_A_SPEED, 0),
     (LN_STRIBECK, 1.0, 0.8, 1.0, 1.0, STRIBECK, 1),  # its bounds: `fill_prior`
-    (LN_REG, 2.5e-4, 1.0, 2e-5, 5e-2, ONE, 1),  # [m/s] within which friction turns
-    (LN_BRISTLE, 1.0, 1.5, 0.015, 1000.0, STIFFNESS, 1),
+    (REG, 2.5e-4, 3e-4, 2e-5, 5e-2, ONE, 0),  # [m/s] within which friction turns
+    (GIVE, 2.0, 8.0, 1e-3, 70.0, GIVES, 0),
     (PRESSURE_LAG, 4e-4, 1e-3, 0.0, 0.01, ONE, 0),  # [s] a corner of 400 Hz, at least 16 Hz
     (POSITION_LAG, 2e-4, 7e-4, 0.0, 0.01, ONE, 0),  # [s] a corner of 800 Hz, at least 16 Hz
 ])  # fmt: skip
@@ -184,8 +184,8 @@ def unit_of(unit, settings, hold_N):
         return 1e-12 * settings.area_bottom_m2 / 1.257e-3 * settings.velocity_gain_m_s_V / 0.15, 1.0
     if unit == PER_FLOW:
         return settings.supply_pressure_Pa, settings.velocity_gain_m_s_V * settings.area_bottom_m2
-    if unit == STIFFNESS:
-        return 3.5e7 * force / 8800.0, 1.0
+    if unit == GIVES:
+        return 8800.0 / 3.5e7, force
     if unit == STRIBECK:
         return settings.stribeck_velocity_m_s, 1.0
     return 1.0, 1.0

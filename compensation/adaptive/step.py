@@ -33,7 +33,7 @@ from .leg import (
     DEAD_UP,
     DELAY,
     HOLD,
-    LN_BRISTLE,
+    GIVE,
     LN_ROUND,
     LN_SPOOL,
     M1,
@@ -123,7 +123,7 @@ def _steady(x, s, y, v, numbers):
     gain_up, gain_dn = gains(s)
     volts = v / gain_up + numbers[DEAD_UP] if up else v / gain_dn - numbers[DEAD_DN]
     x[AMP] = x[X] = volts
-    x[Z] = friction / 2.718281828459045 ** numbers[LN_BRISTLE]
+    x[Z] = friction * numbers[GIVE]
     return volts
 
 

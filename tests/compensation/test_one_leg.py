@@ -40,8 +40,8 @@ def declared(**changes: float) -> tuple[np.ndarray, np.ndarray]:
         "ln_spool": math.log(60.0), "zeta": 0.7, "gain_up": 1.0, "gain_dn": 1.0, "dead_up_V": 5e-6 / V_TO_M,
         "dead_dn_V": 5e-6 / V_TO_M, "ln_round_V": math.log(ROUNDING_m / V_TO_M), "turbulent_Pa": 1e4, "mass": 40.0,
         "hold": 40.0 * 9.8, "coulomb_up": 65.0, "coulomb_dn": 60.0, "static_up": 30.0, "static_dn": 30.0,
-        "viscous_up": 2200.0, "viscous_dn": 1800.0, "ln_stribeck": math.log(5e-3), "ln_reg": math.log(2e-4),
-        "ln_bristle": math.log(3e8),
+        "viscous_up": 2200.0, "viscous_dn": 1800.0, "ln_stribeck": math.log(5e-3), "reg_m_s": 2e-4,
+        "give_m_N": 1.0 / 3e8,
     }  # fmt: skip
     for name, value in (known | changes).items():
         n[leg.NAMES.index(name)] = value
