@@ -121,7 +121,7 @@ TABLE = np.array([
     (VISCOUS_DN, 0.035, 0.0175, 0.0, NONE, FORCE_A_SPEED, 0),
     (LN_STRIBECK, 1.0, 0.8, 1.0, 1.0, STRIBECK, 1),  # its bounds: `fill_prior`
     (REG, 2.5e-4, 3e-4, 2e-5, 5e-2, ONE, 0),  # [m/s] within which friction turns
-    (GIVE, 2.0, 8.0, 1e-3, 70.0, GIVES, 0),
+    (GIVE, 1e-3, 8.0, 1e-3, 70.0, GIVES, 0),  # [m/N] of a seal before it slides: none until it shows, 20 um at 1 % of the force
     (PRESSURE_LAG, 4e-4, 1e-3, 0.0, 0.01, ONE, 0),  # [s] a corner of 400 Hz, at least 16 Hz
     (POSITION_LAG, 2e-4, 7e-4, 0.0, 0.01, ONE, 0),  # [s] a corner of 800 Hz, at least 16 Hz
 ])  # fmt: skip
