@@ -85,7 +85,7 @@ def test_derivatives_are_those_of_the_equations(four_way) -> None:
     for k, name in enumerate(model.NAMES):
         if name in OUTSIDE:
             continue
-        small = {"le": 1e-17, "gi": 1e-13}.get(name[:2])  # leaks, give
+        small = {"leak": 1e-17, "give": 1e-13}.get(name[:4])
         d = small or 1e-5 * max(abs(numbers[k]), 1e-3)
         step = np.where(np.arange(len(numbers)) == k, d, 0.0)
         slope = (_ticks(numbers + step, four_way) - _ticks(numbers - step, four_way)) / (2 * d)
