@@ -42,14 +42,14 @@ from .leg import (
     DEAD_UP,
     DELAY,
     DRIFT,
-    HOLD,
     GIVE,
-    REG,
+    HOLD,
     LN_SPOOL,
     LN_STRIBECK,
     MASS,
     N_NUMBERS,
     PLAY,
+    REG,
     S_FOUR_WAY,
     STATIC_DN,
     STATIC_UP,
@@ -466,8 +466,7 @@ def _work_tick(s):
         fit.b[:] = 0.0
         trial.chi[n, 0] = trial.chi[n, 1] = 0.0
     trial.friction_N[n, k] = (
-        fit.x[Z] / trial.numbers[GIVE]
-        + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
+        fit.x[Z] / trial.numbers[GIVE] + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
     )
     read_tick(
         fit.x, fit.S, k, age_s, fit.late, fit.late_S, fit.of_window, s.sheet, fit.scale, fit.starts, window.position_m[k],
