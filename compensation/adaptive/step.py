@@ -65,7 +65,7 @@ from .prior import fill_sheet
 from .reference import USUAL_m_s, gains, loop_speed, next_lag, plan_motion, plan_setpoints, watch_lateness
 
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
-RAMP_S = 0.15  # in which the volts and the probe come in; the demanded motion is then plain control's own but for its reversals
+RAMP_S = 0.15  # in which the volts at the soonest and the probe come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
 # in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
 LEAVE_S = 1.5
@@ -473,20 +473,22 @@ def tick_of(
     doubted = s.share == 0.0 and e.halves > 0 and knows and not wants
     s.probe.level = min(max(s.probe.level + (step if doubted else -step), 0.0), 1.0)
     probe = _probe_through_backlash(s, control_V, s.probe.level * _probe(s)) if s.probe.level > 0.0 else 0.0
-    wanted = 1.0 if wants else 0.0
-    if s.platform:
-        s.wants = 1 if wants else 0
-        s.objected = max(s.objected - 1, 0) if wants else QUIET_TICKS
-        wanted = 1.0 if s.objected == 0 else 0.0
-    s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
-    step = settings.tick_s / (LINEAR_S if wanted > 0.0 else LEAVE_S)
-    s.linear_step = min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
-    s.linear += s.linear_step
     total = _through_backlash(inv, volts, s.numbers[PLAY]) - _damp(s, bottom_Pa, top_Pa)
     lag = s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
     pressure = s.damping.expected_Pa[inv.whole]
     own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
     own -= fed_back_V(s.loop, settings, ref.position_m[0], pressure)
+    wanted = 1.0 if wants else 0.0
+    if s.platform:
+        s.wants = 1 if wants else 0
+        s.objected = max(s.objected - 1, 0) if wants else QUIET_TICKS
+        wanted = 1.0 if s.objected == 0 else 0.0
+    up, down = gains(s)  # volts that come in are not felt: in a dead band they wait for the stroke
+    unfelt = PERCEIVED_m_s2 * settings.tick_s / max(0.5 * (up + down) * abs(total - own), PERCEIVED_m_s2 * RAMP_S)
+    s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), unfelt)
+    step = settings.tick_s / (LINEAR_S if wanted > 0.0 else LEAVE_S)
+    s.linear_step = min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
+    s.linear += s.linear_step
     if s.damping.wanted:
         design_damping(s)
     added = s.share * (total - own) + probe
