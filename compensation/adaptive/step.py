@@ -65,7 +65,8 @@ from .prior import fill_sheet
 from .reference import USUAL_m_s, gains, loop_speed, next_lag, plan_motion, plan_setpoints, watch_lateness
 
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
-RAMP_S = 0.15  # in which the volts at the soonest and the probe come in; the demanded motion is then plain control's own but for its reversals
+# in which the volts at the soonest, and the probe, come in; the demanded motion is then plain control's own but for its reversals
+RAMP_S = 0.15
 LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
 # in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
 LEAVE_S = 1.5
