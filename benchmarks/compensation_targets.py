@@ -56,6 +56,29 @@ CASES = (
     Case(name="heave, overlap 50 um", changes={"valve.overlap_m": 50e-6}, part=1 / 8),
     Case(name="heave, valve hysteresis 0.5 %", changes={"effects.valve_hysteresis.half_width_V": 0.025}, part=1 / 8),
 )
+SERVO, TUNED, TUNED_SERVO = "servo_bench", f"{HEXAPOD}/tuned", "servo_hexapod/tuned"
+CONTROLLERS = (
+    Case(name="servo bench, P 60 V/m", machine=SERVO, axis="leg"),
+    Case(name="PI, 0.5 s", machine=SERVO, axis="leg", changes={"controller.integral_time_s": 0.5}),
+    Case(
+        name="velocity fed forward, 20 V s/m",
+        machine=SERVO,
+        axis="leg",
+        changes={"controller.velocity_feed_forward_V_s_per_m": 20.0},
+    ),
+    Case(
+        name="pressure fed back, 0.2 uV/Pa",
+        machine=SERVO,
+        axis="leg",
+        changes={"controller.pressure_feedback_V_per_Pa": 2e-7},
+    ),
+    Case(name="servo hexapod, heave", machine="servo_hexapod"),
+    Case(name="servo hexapod, roll [rad/s2]", machine="servo_hexapod", scenario="roll", axis="roll", unit="rad_s2"),
+    Case(name="servo hexapod tuned, heave", machine=TUNED_SERVO),
+    Case(name="servo hexapod tuned, roll [rad/s2]", machine=TUNED_SERVO, scenario="roll", axis="roll", unit="rad_s2"),
+    Case(name="hexapod tuned, heave", machine=TUNED),
+    Case(name="hexapod tuned, roll [rad/s2]", machine=TUNED, scenario="roll", axis="roll", unit="rad_s2"),
+)
 
 
 def compensator(name: str, overlap_m: float) -> str | Compensator:
@@ -142,10 +165,16 @@ def main() -> None:
     for case in CASES:
         rows.append(line_of(case))
         print(rows[-1], flush=True)
-    RESULT.write_text(page(rows, reversal_lines(HEXAPOD, "z") + reversal_lines(BENCH, "leg")), encoding="utf-8")
+    reversals = reversal_lines(HEXAPOD, "z") + reversal_lines(BENCH, "leg")
+    controllers = []
+    for case in CONTROLLERS:
+        none, adaptive = (figures_of(case, name)[0] for name in ("none", "adaptive"))
+        controllers.append(f"| {case.name} | {none:.3f} | {adaptive:.3f} |")
+        print(controllers[-1], flush=True)
+    RESULT.write_text(page(rows, reversals, controllers), encoding="utf-8")
 
 
-def page(rows: list[str], reversals: list[str]) -> str:
+def page(rows: list[str], reversals: list[str], controllers: list[str]) -> str:
     """The page's text."""
     levels = " | ".join(f"{a:g}" for a in LEVELS_m_s2[1:])
     return f"""# Compensation against its targets
@@ -167,6 +196,13 @@ before the table's first is for learning.
 | machine | compensator | {levels} m/s2 | met |
 |---|---|{"---|" * len(LEVELS_m_s2[1:])}---|
 {chr(10).join(reversals)}
+
+Controllers, as the first table, without a target. Plain control's lag beyond `1/Kp` is measured, so that the volts come in without a
+jolt whatever filter, integral or feed-forward there is.
+
+| machine, controller | none | adaptive |
+|---|---|---|
+{chr(10).join(controllers)}
 """
 
 
