@@ -213,18 +213,25 @@ def test_a_row_whose_rest_is_new_five_times_as_often_counts_five_times():
     assert plain.slow_alone() is plain
 
 
-def test_a_number_that_every_block_shifts_alike_is_known_no_better_than_what_is_left_allows():
-    """A rest of size 2 in 100 correlation times knows a column of size 1 to 0.2, though the scores of all blocks of 2 s are 0."""
-    time = np.arange(2000) * 1e-2
-    log = Log(name="fit", kind="bench", time=time, rate=100.0, position=np.zeros((1, 2000)))
+TIME_s = np.arange(2000) * 1e-2
+
+
+def spring_beside(misfit, column):
+    """A fitted spring whose column over 20 s at 100 Hz is `column` (1, 2000), what is left `misfit` (1, 2000), and its problem."""
+    log = Log(name="fit", kind="bench", time=TIME_s, rate=100.0, position=np.zeros((1, 2000)))
     row = balance_problem.BalanceRows(balance=balances.balance_named("continuity", BENCH), sigma=np.ones(1), rows=(0,))
-    wave, across = (np.sqrt(2.0) * own(np.pi * time)[None] for own in (np.sin, np.cos))
     fit = least_squares.Fit(
         machine=BENCH, priors=(), deviations=np.zeros(0), candidates=(named("spring"),), values=({"stiffness_N_m": 0.0},),
-        chi2=0.0, n=2000, misfit=[2.0 * wave],
+        chi2=0.0, n=2000, misfit=[misfit],
     )  # fmt: skip
-    found = rest_level.RestFit(fit=fit, columns=[across[None]], cost=0.0)
-    problem = balance_problem.BalanceProblem(logs=(log,), parts=(row,))
+    found = rest_level.RestFit(fit=fit, columns=[column[None]], cost=0.0)
+    return found, balance_problem.BalanceProblem(logs=(log,), parts=(row,))
+
+
+def test_a_number_that_every_block_shifts_alike_is_known_no_better_than_what_is_left_allows():
+    """A rest of size 2 in 100 correlation times knows a column of size 1 to 0.2, though the scores of all blocks of 2 s are 0."""
+    wave, across = (np.sqrt(2.0) * own(np.pi * TIME_s)[None] for own in (np.sin, np.cos))
+    found, problem = spring_beside(2.0 * wave, across)
     assert np.sqrt(rest_level.covariance_of(found, problem, [])[0, 0]) == pytest.approx(0.2, rel=1e-3)
 
 
@@ -232,16 +239,9 @@ def test_a_number_that_every_block_shifts_alike_is_known_no_better_than_what_is_
 def test_a_number_is_no_sharper_than_what_may_be_there_unseen(monkeypatch, share):
     """An effect that does the same moves a number by as much of it as machines have without being remarkable; of one that does a
     part of the same, the logs see the other part, and no more of it can hide than they leave; what does something else takes nothing."""
-    time = np.arange(2000) * 1e-2
-    log = Log(name="fit", kind="bench", time=time, rate=100.0, position=np.zeros((1, 2000)))
-    row = balance_problem.BalanceRows(balance=balances.balance_named("continuity", BENCH), sigma=np.ones(1), rows=(0,))
-    own, other = (np.sqrt(2.0) * wave(np.pi * time)[None] for wave in (np.sin, np.cos))
-    fit = least_squares.Fit(
-        machine=BENCH, priors=(), deviations=np.zeros(0), candidates=(named("spring"),), values=({"stiffness_N_m": 0.0},),
-        chi2=0.0, n=2000, misfit=[2.0 * np.sqrt(2.0) * np.sin(7.0 * np.pi * time)[None]],
-    )  # fmt: skip
-    found, unfitted = rest_level.RestFit(fit=fit, columns=[own[None]], cost=0.0), named("hardening_spring")
-    problem = balance_problem.BalanceProblem(logs=(log,), parts=(row,))
+    own, other = (np.sqrt(2.0) * wave(np.pi * TIME_s)[None] for wave in (np.sin, np.cos))
+    found, problem = spring_beside(2.0 * np.sqrt(2.0) * np.sin(7.0 * np.pi * TIME_s)[None], own)
+    unfitted = named("hardening_spring")
     column = share * own + np.sqrt(1.0 - share**2) * other
     monkeypatch.setattr(rest_level, "columns_of", lambda fit, candidates, problem: [[column] for _ in candidates])
     alone, beside = (rest_level.covariance_of(found, problem, some)[0, 0] for some in ([], [unfitted, named("spring")]))
