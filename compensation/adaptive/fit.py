@@ -81,11 +81,12 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
     v = x[V]
     up = v >= 0.0
     coulomb, static = (COULOMB_UP, STATIC_UP) if up else (COULOMB_DN, STATIC_DN)
-    cs, reg, sigma = exp(th[LN_STRIBECK]), th[REG], 1.0 / th[GIVE]
-    fade, turn = exp(-abs(v) / cs), tanh(v / reg)
-    x[Z] = (th[coulomb] + th[static] * fade) * turn / sigma
-    S[Z, coulomb], S[Z, static], S[Z, GIVE] = turn / sigma, fade * turn / sigma, x[Z] * sigma
-    S[Z, LN_STRIBECK] = th[static] * fade * abs(v) / cs * turn / sigma
+    cs, give = exp(th[LN_STRIBECK]), th[GIVE]
+    fade, turn = exp(-abs(v) / cs), tanh(v / th[REG])
+    dry = (th[coulomb] + th[static] * fade) * turn
+    x[Z] = dry * give
+    S[Z, coulomb], S[Z, static], S[Z, GIVE] = turn * give, fade * turn * give, dry
+    S[Z, LN_STRIBECK] = th[static] * fade * abs(v) / cs * turn * give
 
 
 @compiled

@@ -5,7 +5,7 @@ two directions unlike, their opening may be bent; a four-way valve's four overla
 turbulent; the return line and leaks are laminar; oil is softened by air. Friction is Stribeck's
 behind one bristle (LuGre without damping), regularised in velocity (steady: F = g tanh(v/reg) + viscous v):
 
-    z' = v - v coth(v/reg) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
+    z' = v - v coth(v/reg) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs),   sigma = 1/give
 
     r m v' = P1 A1 - P2 A2 - F - F0 - K (y - stroke/2) - E        K: a spring, cables; m: while all legs of a platform move
                                                alike; r, E: share of it that the leg moves by itself and what the others' forces
