@@ -157,18 +157,6 @@ class Context:
         return 1.0 / self.rate_Hz
 
     @cached_property
-    def area_ratio(self) -> float:
-        """A2 / A1: the share of the supply pressure, which acts on the rod side, that the bottom pressure balances; of
-        a four-way valve that of the three-way valve which is alike."""
-        ratio = self.area_top_m2 / self.area_bottom_m2
-        return ratio / (1.0 + ratio) if self.four_way else ratio
-
-    @cached_property
-    def rod_ratio(self) -> float:
-        """A2 / A1 of two chambers on a four-way valve, 0 of one on a three-way valve."""
-        return self.area_top_m2 / self.area_bottom_m2 if self.four_way else 0.0
-
-    @cached_property
     def legs(self) -> int:
         """How many legs carry the platform; 0 of a bench."""
         return len(self.mobility)
@@ -182,11 +170,6 @@ class Context:
     def pipeline_length_m(self) -> float:
         """Travel of the piston that displaces the pipeline's volume."""
         return self.pipeline_volume_m3 / self.area_bottom_m2
-
-    @cached_property
-    def pipeline_length_top_m(self) -> float:
-        """The same of the rod side."""
-        return self.pipeline_volume_top_m3 / self.area_top_m2
 
     @cached_property
     def velocity_pole(self) -> float:

@@ -132,8 +132,9 @@ def cueing() -> Pictures:
     import runpy
     from unittest.mock import patch
 
+    from washout_figure import washout_figure
+
     from hexsim.cueing.washout import Washout
-    from hexsim.recording.washout_figure import washout_figure
 
     washouts = {
         "surge from 2.5 rad/s on": Washout(),

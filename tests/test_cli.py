@@ -17,7 +17,7 @@ import typer
 from typer.testing import CliRunner
 
 import hexsim
-from hexsim.cli import app, errors
+from hexsim.cli import app
 from hexsim.files import log_files
 from hexsim.machine import models_folder
 
@@ -164,17 +164,21 @@ def test_lists_say_what_there_is(tmp_path, what):
     assert known in [row["name"] for row in rows]
 
 
-@pytest.mark.parametrize("old", errors.MOVED)
-def test_an_old_command_is_refused_with_the_new_one(tmp_path, old):
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        *((name, f"list {name}") for name in ("machines", "scenarios", "compensators", "effects")),
+        ("measure", "test log"),
+        ("valve", "test valve"),
+        ("schema", "export schema"),
+    ],
+)
+def test_an_old_command_is_refused_with_the_new_one(tmp_path, old, new):
     """Exit code 2 and one sentence with a command that there is."""
     refused = hexsim_command(old, "bench", cwd=tmp_path)
     (line,) = refused.stderr.splitlines()
-    assert (
-        refused.exit_code == 2
-        and not refused.stdout
-        and line == f"hexsim: hexsim {old} is now hexsim {errors.MOVED[old]}"
-    )
-    assert hexsim_command(*errors.MOVED[old].split(), "--help", cwd=tmp_path).exit_code == 0
+    assert refused.exit_code == 2 and not refused.stdout and line == f"hexsim: hexsim {old} is now hexsim {new}"
+    assert hexsim_command(*new.split(), "--help", cwd=tmp_path).exit_code == 0
 
 
 def test_run_takes_many(tmp_path):

@@ -6,17 +6,16 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
 
 import hexsim
 import hexsim as hx
-from hexsim import HexsimError, load_scenario
-from hexsim.cli import app, errors
+from hexsim import HexsimError
+from hexsim.cli import app
 from hexsim.files import run_folder as run_folders
-from hexsim.machine import load_machine
-from hexsim.scenarios import resources
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(hexsim.__file__).parents[1]), "COLUMNS": "120"}
 SHORT = ["-m", "bench", "--fast", "--duration", "1"]
@@ -125,11 +124,25 @@ def test_a_scenarios_name_leads_nowhere(tmp_path, monkeypatch, name):
     assert len(list((tmp_path / "runs").glob("*/log.parquet"))) == 1
 
 
-def test_sentences_carry_no_control_characters(capsys):
-    """An escape sequence in a file's name reaches the terminal as text, and 25 kB are cut."""
-    errors.say(str(HexsimError("no \x1b[31mfile\x07 " + "x" * 25_000)))
-    shown = capsys.readouterr().err
-    assert shown.startswith(r"hexsim: no \x1b[31mfile\x07 xxx") and len(shown) < 2100
+LONG_WORDS = """
+import compensation
+from hexsim import HexsimError
+
+class Own(type(compensation.create("exact"))):
+    def start(self, context):
+        raise HexsimError("x" * 25_000)
+"""
+
+
+def test_sentences_carry_no_control_characters(tmp_path, monkeypatch):
+    """An escape sequence in a file's name reaches the terminal as text, and a sentence of 25 kB is cut."""
+    refused = CliRunner().invoke(app, ["run", "heave", "--machine", "no \x1b[31mfile\x07.toml"])
+    assert refused.exit_code == 2 and r"no \x1b[31mfile\x07.toml" in refused.stderr and "\x1b" not in refused.stderr
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "long_words.py").write_text(LONG_WORDS)
+    refused = CliRunner().invoke(app, ["run", "heave", *SHORT, "--compensator", "long_words:Own"])
+    assert refused.exit_code == 2 and "xxx" in refused.stderr and len(refused.stderr) < 2100
 
 
 def test_run_without_a_name_shows_what_there_is(tmp_path, monkeypatch):
@@ -205,13 +218,13 @@ def test_default_folders_bear_safe_names(tmp_path):
 
 
 def test_a_run_beyond_the_memory_is_refused_with_what_it_needs(monkeypatch):
-    """A day of the hexapod under 8 GB; the same day at 10 s is let through."""
-    monkeypatch.setattr(resources, "available_memory", lambda: 8e9)
+    """A day of the hexapod under 8 GB; a twentieth of a second is let through."""
+    monkeypatch.setattr("hexsim.scenarios.resources.available_memory", lambda: 8e9)
     said = {86_400.0: "86400 s needs about .* GB of memory, and 8 GB are free: make", 1e-3: "two samples of the log"}
     for duration_s, words in said.items():
         with pytest.raises(HexsimError, match=words):
             hx.run("heave", "micro_motion_system", set={"scenario.duration_s": duration_s})
-    resources.check_resources(load_machine("micro_motion_system"), 10.0)
+    assert hx.run("heave", "micro_motion_system", set={"scenario.duration_s": 0.05}, fast=True).complete
 
 
 def test_a_limit_of_the_process_counts(tmp_path):
@@ -235,13 +248,17 @@ def test_the_viewer_is_started_without_usage_statistics(tmp_path, monkeypatch):
     assert asked[0] == ["analytics", "disable"] and asked[1][0].endswith("run.rrd")
 
 
-def test_estimates_are_above_what_runs_take():
-    """The log of ten seconds is smaller than its estimate of disk, 16 bytes a value."""
-    from hexsim.simulation import simulate
-
-    run = simulate(load_machine("bench"), load_scenario("heave", duration_s=2.0), fast=True)
-    assert run.log.width <= resources.check_resources.__kwdefaults__["columns_a_leg"]
-    resources.check_resources(load_machine("bench"), 2.0)
+def test_estimates_are_above_what_runs_take(tmp_path, monkeypatch):
+    """The disk that a refusal asks for, for two seconds with report and recording, is more than these take."""
+    run = ["run", "heave", "-m", "bench", "--fast", "--duration", "2", "--out", str(tmp_path / "run")]
+    with monkeypatch.context() as full:
+        full.setattr("hexsim.scenarios.resources.shutil.disk_usage", lambda folder: SimpleNamespace(free=0.0))
+        refused = CliRunner().invoke(app, run)
+    needed = re.search(r"needs about (\S+) GB of disk", refused.stderr)
+    assert refused.exit_code == 2 and needed, refused.output
+    assert CliRunner().invoke(app, run).exit_code == 0
+    taken = sum(path.stat().st_size for path in (tmp_path / "run").rglob("*") if path.is_file())
+    assert taken < 1e9 * float(needed[1])
 
 
 @pytest.mark.parametrize("arguments", [("run", "heave", "-m", ""), ("trace", "."), ("list", "machines", "--out=")])

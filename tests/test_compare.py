@@ -1,34 +1,48 @@
 """Compensators side by side: same motion, same noise, one folder."""
 
 import json
-from types import SimpleNamespace
+import re
 
 import polars as pl
 import pytest
+from typer.testing import CliRunner
 
-from hexsim import HexsimError, load_scenario
-from hexsim.machine import load_machine
-from hexsim.recording import summary_table
+import hexsim as hx
+from hexsim.cli import app
 from hexsim.recording.signals import Signals
-from hexsim.studies import compare as comparing
+from hexsim.simulation import simulate
 
 
 @pytest.fixture(scope="module")
 def runs():
     """Plain control and the known inverse on the bench, long enough for one whole period after the fade-in."""
-    return comparing.compare(
-        load_machine("bench"), load_scenario("heave", duration_s=4.5), ["none", "exact"], fast=True, seed=3
-    )
+    return hx.compare("heave", ["none", "exact"], "bench", {"scenario.duration_s": 4.5}, fast=True, seed=3)
 
 
-def test_unknown_names_are_refused_before_the_first_run():
-    """One unknown name of several is refused with the list of those there are; an empty list too."""
-    with pytest.raises(HexsimError, match=r"'nothing'.*none.*buffered"):
-        comparing.names_of("none,nothing")
-    with pytest.raises(HexsimError, match="--compensators is empty"):
-        comparing.names_of(" , ")
-    assert comparing.names_of("buffered, none,buffered") == ["buffered", "none"]
-    assert {"none", "exact", "iterative", "buffered"} <= set(comparing.names_of(None))
+def test_unknown_names_are_refused_before_the_first_run(tmp_path, monkeypatch):
+    """One unknown name of several is refused with the list of those there are; an empty list too. A name that is given twice runs once;
+    without names all run."""
+    monkeypatch.chdir(tmp_path)
+
+    def compared(names: str):
+        short = ("-m", "bench", "--fast", "--duration", "0.05", "--out", "both")
+        return CliRunner().invoke(app, ["run", "heave", *short, "--compensator", names])
+
+    for names, said in (("none,nothing", r"'nothing'.*none.*buffered"), (" , ", "--compensators? is empty")):
+        refused = compared(names)
+        assert refused.exit_code == 2 and re.search(said, refused.stderr), refused.output
+    assert list(tmp_path.iterdir()) == []
+    ran = []
+
+    def run(*args, compensator, **options):
+        ran.append(compensator)
+        return simulate(*args, compensator=compensator, **options)
+
+    monkeypatch.setattr("hexsim.studies.compare.simulate", run)
+    assert compared("buffered, none,buffered").exit_code == 0 and ran == ["buffered", "none"]
+    assert list(json.loads((tmp_path / "both" / "compare.json").read_text())["compensators"]) == ran
+    everything = hx.compare("heave", None, "bench", {"scenario.duration_s": 0.05}, fast=True)
+    assert {"none", "exact", "iterative", "buffered"} <= set(everything)
 
 
 def test_runs_differ_in_the_compensator_alone(runs):
@@ -42,7 +56,7 @@ def test_runs_differ_in_the_compensator_alone(runs):
 
 def test_the_ratio_is_to_the_first_run(runs):
     """The table's column `of first` is the peak over the first run's peak, as the summaries hold them."""
-    first, second = summary_table.comparison_rows(runs, "leg")
+    first, second = runs.table.to_dicts()
     peaks = [runs[name].summary["axes"]["leg"]["peak_band_m_s2"] for name in ("none", "exact")]
     assert first["ratio"] == 1.0
     assert second["ratio"] == pytest.approx(peaks[1] / peaks[0], rel=1e-12)
@@ -51,7 +65,7 @@ def test_the_ratio_is_to_the_first_run(runs):
 
 def test_the_folder_holds_all_runs(runs, tmp_path):
     """compare.json has the form that others read, each run its log, and there is one figure, report and recording."""
-    comparing.write_comparison(runs, tmp_path)
+    runs.to_folder(tmp_path)
     tables = json.loads((tmp_path / "compare.json").read_text())
     assert set(tables) == {"scenario", "compensators"} and list(tables["compensators"]) == ["none", "exact"]
     assert tables["compensators"]["exact"]["axes"] == runs["exact"].summary["axes"]
@@ -62,16 +76,26 @@ def test_the_folder_holds_all_runs(runs, tmp_path):
     assert "exact" in page and 'src="data:image/png;base64,' in page
 
 
-def test_a_diverged_run_stays_in_the_comparison(runs):
+def ending(monkeypatch, which: str, **ends):
+    """A comparison in which the run of one compensator ends as said."""
+
+    def run(*args, compensator, **options):
+        done = simulate(*args, compensator=compensator, **options)
+        for name, value in ends.items() if compensator == which else ():
+            setattr(done, name, value)
+        return done
+
+    monkeypatch.setattr("hexsim.studies.compare.simulate", run)
+    return hx.compare("heave", ["none", "exact"], "bench", {"scenario.duration_s": 1.0}, fast=True)
+
+
+def test_a_diverged_run_stays_in_the_comparison(monkeypatch, tmp_path):
     """A run that ended early is marked with its reason and is not taken for the best."""
-    cut = runs["exact"]
-    cut.complete, cut.reason = False, "the simulation diverged at t = 3.0 s in leg 1"
-    try:
-        table = comparing.comparison_tables(runs)["compensators"]
-        assert table["exact"]["partial"] is True and "diverged" in table["exact"]["reason"]
-        assert summary_table.comparison_rows(runs, "leg")[1]["note"].startswith("the simulation diverged")
-    finally:
-        cut.complete, cut.reason = True, ""
+    both = ending(monkeypatch, "exact", complete=False, reason="the simulation diverged at t = 0.9 s in leg 1")
+    both.to_folder(tmp_path / "both", recording=False)
+    table = json.loads((tmp_path / "both" / "compare.json").read_text())["compensators"]
+    assert table["exact"]["partial"] is True and "diverged" in table["exact"]["reason"]
+    assert both.table.to_dicts()[1]["note"].startswith("the simulation diverged")
 
 
 def test_an_interruption_ends_the_comparison(monkeypatch):
@@ -80,10 +104,7 @@ def test_an_interruption_ends_the_comparison(monkeypatch):
         (True, "stopped at t = 0.1 s", ["none"]),
         (False, "payload interrupted.fmu says: interrupted (at t = 0.1 s)", ["none", "exact"]),
     ):
-        ended = SimpleNamespace(complete=False, interrupted=interrupted, reason=reason)
-        monkeypatch.setattr("hexsim.studies.compare.simulate", lambda *args, ended=ended, **kwargs: ended)
-        runs = comparing.compare(load_machine("bench"), load_scenario("heave"), ["none", "exact"])
-        assert list(runs) == begun
+        assert list(ending(monkeypatch, "none", complete=False, interrupted=interrupted, reason=reason)) == begun
 
 
 def test_signals_carry_the_compensators_name(runs):

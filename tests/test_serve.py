@@ -1,6 +1,7 @@
 """The machine in real time with its host interface, over loopback; clocked by hand so that nothing depends on load."""
 
 import contextlib
+import json
 import random
 import runpy
 import signal
@@ -14,9 +15,10 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
+from typer.testing import CliRunner
 
 from hexsim import HexsimError
-from hexsim.cli.serve import line_of
+from hexsim.cli import app
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -216,15 +218,16 @@ def test_real_time_is_kept_and_said() -> None:
     assert status.worst_behind_s >= 0.0 and status.state == "neutral"
 
 
-def test_it_says_what_the_compensator_does() -> None:
-    """A served bench with `adaptive` that has just begun: status line, status and summary of its folder give the reason why the leg
-    is not compensated yet."""
-    with serving.Server(load_machine("bench"), port=0, timestep=2e-4, compensator="adaptive", record_s=0.2) as server:
-        status = server.run(duration_s=0.1)
-        assert server.record is not None
-        summary = server.record.run().summary
-    assert line_of(status).endswith("the leg's numbers are not known yet")
-    assert status.compensation == summary["compensation"] and not status.compensation[0]["engaged"]
+def test_it_says_what_the_compensator_does(tmp_path) -> None:
+    """A served bench with `adaptive` that has just begun: the line, the JSON and the summary of its folder give the reason why the
+    leg is not compensated yet."""
+    serve = ["serve", "--machine", "bench", "--port", "0", "--compensator", "adaptive", "--duration", "0.05"]
+    line = CliRunner().invoke(app, serve, env={"COLUMNS": "1000"}).stdout
+    assert "the leg's numbers are not known yet, at most" in line
+    status = json.loads(CliRunner().invoke(app, [*serve, "--json", "--out", str(tmp_path / "run")]).stdout)
+    (leg,) = status["compensation"]
+    assert leg["reason"].endswith("the leg's numbers are not known yet") and not leg["engaged"]
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["compensation"] == [leg]
 
 
 def test_the_example_host_drives_the_machine(monkeypatch, capsys) -> None:

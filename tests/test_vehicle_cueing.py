@@ -2,8 +2,10 @@
 
 import contextlib
 import math
+import runpy
 import socket
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,6 @@ from hexsim.cli import flown
 from hexsim.cueing import protocols, toml_protocol, washout
 from hexsim.machine import load_machine
 from hexsim.motion_computer import states
-from hexsim.recording.washout_figure import washout_figure
 from hexsim.simulation import serve, vehicle_link
 
 beamng, flightgear, outsim, xplane, xplane12, xplane_rref = (
@@ -87,7 +88,8 @@ def test_a_washout_from_a_file(tmp_path) -> None:
 
 def test_what_a_washout_makes_of_a_push_is_drawn() -> None:
     """A column a washout; after four seconds of push the lean alone gives the scaled acceleration, drawn in its own units."""
-    figure = washout_figure({"mine": washout.Washout(), "other": washout.Washout(scale=0.2)}, 3.0)
+    drawn = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "washout_figure.py"))
+    figure = drawn["washout_figure"]({"mine": washout.Washout(), "other": washout.Washout(scale=0.2)}, 3.0)
     assert [plot.get_title() for plot in figure.axes[:2]] == ["mine", "other"]
     way, lean, force = (plot.lines[-1].get_ydata() for plot in figure.axes[::2])
     held = int(4.1 * 500)

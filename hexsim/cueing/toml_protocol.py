@@ -306,11 +306,12 @@ def protocol(name: str) -> Decode:
         return PROTOCOLS[name]
     if not name.endswith(".toml"):
         raise HexsimError(f"--from {name!r} is unknown: give one of {', '.join(PROTOCOLS)}, or a TOML file of packets")
+    tables = read_toml(Path(name))
     try:
-        return TomlProtocol(PacketLayout.model_validate(read_toml(Path(name))))
+        return TomlProtocol(PacketLayout.model_validate(tables))
     except ValidationError as error:
         raise HexsimError(
             f"{name} describes no packets: {validation_sentence(error, PacketLayout)}; see docs/motion_computer.md"
         ) from None
     except HexsimError as error:
-        raise error if str(error).startswith((name, "cannot read")) else HexsimError(f"{name}: {error}") from None
+        raise HexsimError(f"{name}: {error}") from None

@@ -65,13 +65,14 @@ def washout_of(name: str) -> Washout:
         return Washout(adaptive=name == "adaptive")
     if not name.endswith(".toml"):
         raise HexsimError(f"washout {name!r} is unknown: give classical, adaptive, or a TOML file of its parameters")
+    tables = read_toml(Path(name))
     try:
-        return TypeAdapter(Washout).validate_python(read_toml(Path(name)))
+        return TypeAdapter(Washout).validate_python(tables)
     except ValidationError as error:
         first, keys = error.errors(include_url=False)[0], ", ".join(field.name for field in fields(Washout))
         raise HexsimError(f"{name}: {first['loc'][0]}: {first['msg'].lower()}; the keys are {keys}") from None
     except HexsimError as error:
-        raise error if str(error).startswith(name) else HexsimError(f"{name}: {error}") from None
+        raise HexsimError(f"{name}: {error}") from None
 
 
 class _Filter:

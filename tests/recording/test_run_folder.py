@@ -5,12 +5,12 @@ import subprocess
 import sys
 import time
 
+import polars as pl
 import pytest
 
 from hexsim import HexsimError
+from hexsim.files import log_files, runs_index
 from hexsim.files import run_folder as run_folders
-from hexsim.files import runs_index
-from hexsim.files.atomic import write_text
 
 
 def fill(folder, names=("log.csv", "summary.json")):
@@ -206,5 +206,5 @@ def test_half_written_files_of_killed_runs_go_with_the_next_writing(tmp_path):
     for path in (old, young):
         path.write_text("half")
     os.utime(old, (time.time() - 4000, time.time() - 4000))
-    write_text(tmp_path / "log.csv", "whole")
+    log_files.write_log(pl.DataFrame({"time_s": [0.0]}), tmp_path / "log.csv")
     assert sorted(path.name for path in tmp_path.iterdir()) == [young.name, "log.csv"]

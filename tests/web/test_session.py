@@ -3,6 +3,7 @@
 import shlex
 import sys
 import time
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,9 @@ from typer.testing import CliRunner
 
 import hexsim as hx
 from hexsim import load_scenario
-from hexsim.cli import app, options
-from hexsim.machine import load_machine
+from hexsim.cli import app
+from hexsim.machine import load_machine, machine_from_dict
+from hexsim.scenarios import scenario_from_dict
 
 pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
 from hexsim import web
@@ -30,20 +32,21 @@ def wait_until(condition):
 
 
 @pytest.mark.parametrize("name", hx.available()["machines"])
-def test_the_command_on_the_page_is_the_machine_of_its_sliders(name):
-    """Every slider of every machine at its far end: `hexsim run` with the command line that the page shows gets the machine
-    and the motion that run on the page."""
+def test_the_command_on_the_page_is_the_machine_of_its_sliders(name, tmp_path):
+    """Every slider of every machine at its far end: the command line that the page shows runs the machine and the motion that
+    run on the page."""
     machine, scenario = load_machine(name), load_scenario("heave")
     session = web.Session(machine, scenario)
     far = {knob.name: knob.high for knob in sliders.knobs(machine)}
     asked = web.Asked(knobs=far, motion="heave", amplitude=30.0, frequency_Hz=0.4)
     words = shlex.split(session.command(asked, name, "heave"))
     assert words[:5] == ["hexsim", "run", "heave", "--machine", name]
-    given = [word for flag, word in zip(words, words[1:], strict=False) if flag == "--set"]
-    motion = options.Motion(machine=name, amplitude=float(words[6]), frequency=float(words[8]))
-    built, what = options.prepare("heave", motion, given)
-    assert built == sliders.machine_with(machine, far) != machine
-    assert what == session.motion_of(asked)
+    short = ["--fast", "--duration", "0.01", "--no-report", "--no-recording", "--out", str(tmp_path / "run")]
+    ended = CliRunner().invoke(app, [*words[1:], *short])
+    assert ended.exit_code == 0, ended.output
+    config = tomllib.loads((tmp_path / "run" / "config.toml").read_text())
+    assert machine_from_dict(config["machine"]) == sliders.machine_with(machine, far) != machine
+    assert scenario_from_dict(config["scenario"]) == replace(session.motion_of(asked), duration_s=0.01)
 
 
 def test_what_cannot_be_is_refused_and_the_machine_stays():
