@@ -125,12 +125,16 @@ def test_a_scenarios_name_leads_nowhere(tmp_path, monkeypatch, name):
 
 
 LONG_WORDS = """
-import compensation
+from compensation import Compensator
 from hexsim import HexsimError
 
-class Own(type(compensation.create("exact"))):
-    def start(self, context):
+class Own(Compensator):
+    name = "own"
+
+    def start(self, *given):
         raise HexsimError("x" * 25_000)
+
+    parameters = restore = step = start
 """
 
 
