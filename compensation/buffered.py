@@ -47,8 +47,8 @@ class B(IntEnum):
     BUFFER = 53  # UV, UC and the side of each sample (corrected form: total volts, velocity)
 
 
-OF_A_CURVE = 6  # numbers of a side's curve
-assert (B.ESTIMATE, B.BUFFER) == (B.CURVE + 2 * OF_A_CURVE, B.ESTIMATE + V.END)
+OF_A_CURVE = (B.ESTIMATE - B.CURVE) // 2  # numbers of a side's curve
+assert B.BUFFER == B.ESTIMATE + V.END
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from scipy.constants import foot
 
-from hexsim.cueing.protocols import NAMES, FEET_m
+from hexsim.cueing.protocols import NAMES
 from hexsim.cueing.washout import g
 
 try:
@@ -66,7 +67,7 @@ def fly(turbulence_ft_s: float = 0.0) -> pl.DataFrame:
         for name, value in stick(time).items():
             flight[name] = trim[name] + value
         flight.run()
-        x, y, z = (FEET_m * flight[f"accelerations/a-pilot-{axis}-ft_sec2"] for axis in "xyz")
+        x, y, z = (foot * flight[f"accelerations/a-pilot-{axis}-ft_sec2"] for axis in "xyz")
         p, q, r = (flight[f"velocities/{axis}-rad_sec"] for axis in "pqr")
         rows.append((time, x, -y, -z - g, p, -q, -r))
     table = np.array(rows)

@@ -9,6 +9,9 @@ from hexsim.errors import HexsimError
 
 OTHER = "other packets"
 HOST_PORT = 47110  # UDP, of a machine's host interface; any that is free would do
+# Beyond it no number of a packet is one of a machine or a vehicle: places, rates and accelerations in m and rad. A heading that counts
+# its turns is below; a float32 resolves it to 0.1 mrad.
+LARGEST = 1000.0
 
 
 def address_of(text: str, default_port: int, option: str, allowed: str) -> tuple[str, int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import signal
 import sys
 from itertools import pairwise
 from typing import Any
@@ -14,9 +15,9 @@ from typer.core import TyperGroup
 
 from hexsim.errors import HexsimError, Interrupted, shortened
 
-EXIT_CODE = 2  # of every refusal, as Click's own
-INTERRUPTED = 130  # as a shell gives it
 UsageError: Any = typer.BadParameter.__bases__[0]  # click's, which newer versions of Typer hold inside
+EXIT_CODE: int = UsageError.exit_code  # of every refusal
+INTERRUPTED = 128 + signal.SIGINT  # as a shell gives it
 TAG = re.compile(r"(\\*)(\[[a-z#/@][^[]*?\])")  # what Rich takes for markup
 MOVED = {
     "machines": "list machines",

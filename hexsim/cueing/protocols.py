@@ -22,11 +22,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.constants import foot
 
 from hexsim.cueing.washout import g
-from hexsim.packets import described
+from hexsim.packets import LARGEST, described
 
-FEET_m = 0.3048  # exact
 FDM_BYTES = {24: 408, 25: 552}  # version: bytes
 GROUP = struct.Struct("<i8f")
 RREF = struct.Struct("<if")
@@ -47,9 +47,6 @@ OUTSIM2_SIZES = frozenset(  # bytes of inputs, drive, distance, wheels and extra
 )
 MOTIONSIM = struct.Struct("<4s21f")
 NAMES = ("forward_m_s2", "left_m_s2", "up_m_s2", "roll_rad_s", "pitch_rad_s", "yaw_rad_s")
-LARGEST = (
-    1000.0  # m/s2, rad/s; more is no vehicle. rad: a heading that counts its turns is below, 0.1 mrad in a float32
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +109,7 @@ def flightgear(
         return "attitude that is not finite or too large"
     phi, theta, _ = angles
     phi_rate, theta_rate, psi_rate = struct.unpack_from(">3f", data, rates_at)
-    x, y, z = (FEET_m * value for value in struct.unpack_from(">3f", data, pilot_at))
+    x, y, z = (foot * value for value in struct.unpack_from(">3f", data, pilot_at))
     p = phi_rate - psi_rate * math.sin(theta)
     q = theta_rate * math.cos(phi) + psi_rate * math.cos(theta) * math.sin(phi)
     r = -theta_rate * math.sin(phi) + psi_rate * math.cos(theta) * math.cos(phi)

@@ -41,11 +41,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from hexsim.cueing.protocols import LARGEST, NAMES, PROTOCOLS, Decode, RigSetpoint, VehicleMotion, checked, within
+from hexsim.cueing.protocols import NAMES, PROTOCOLS, Decode, RigSetpoint, VehicleMotion, checked, within
 from hexsim.cueing.washout import g
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import read_toml, validation_sentence
-from hexsim.packets import described
+from hexsim.packets import LARGEST, described
 
 LARGEST_BYTES = 65_507  # of a UDP packet (RFC 768 over IPv4)
 Type = Literal["f", "d", "b", "B", "h", "H", "i", "I", "q", "Q", "i24", "u24"]  # Python's struct, and 24 bit integers

@@ -46,7 +46,7 @@ class Seen(NamedTuple):
 
 SEEN = Seen()
 
-N_SEEN = 8  # numbers a leg in an observation
+N_SEEN = 5 + len(SEEN.ahead_s)  # numbers a leg in an observation: `Episodes.observations`
 
 
 def default_machine() -> Machine:

@@ -19,7 +19,7 @@ from hexsim.mechanics.mechanics import DOF_NAMES, Mechanics
 NEWTON_MAX_ITERATIONS = 50  # quadratic convergence needs 4 to 6; more only where steps are shortened
 NEWTON_TOLERANCE_M = 1e-13  # residual length at which the iteration stops: 1e-13 m, about 450 ulp of a 1 m leg
 
-N_LEGS = 6  # of a hexapod
+N_LEGS = len(DOF_NAMES)  # of a hexapod: one a degree of freedom
 Array = NDArray[np.float64]
 
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.mechanics import DOF_NAMES
-from hexsim.motion_computer.host_packet import LARGEST
 from hexsim.motion_computer.limits import Limits, leg_limits, pose_limits
+from hexsim.packets import LARGEST
 from hexsim.scenarios.scenario import scenario_from_dict
 
 Array = NDArray[np.float64]

@@ -38,14 +38,13 @@ from hexsim.errors import HexsimError
 from hexsim.motion_computer.computer import COMMANDS
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.states import State
-from hexsim.packets import described
+from hexsim.packets import LARGEST, described
 
 COMMAND = struct.Struct("<4sHHIId6d")
 DERIVATIVES = struct.Struct("<6d6d")
 REPLY = struct.Struct("<4sHHIIddd6d6d")
 COMMAND_MAGIC, DERIVATIVES_MAGIC, REPLY_MAGIC = b"HXC1", b"HXC2", b"HXS1"
 NUMBERS = ("none", *COMMANDS)
-LARGEST = 1.0e3  # no setpoint in m or rad is larger, nor its derivatives
 LATEST_S = 2.0**33  # of any clock, 272 years: a float64 still resolves it to 2 us
 Six = tuple[float, ...]
 

@@ -31,6 +31,7 @@ from hexsim.compiled import compiled, compiled_callback
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.mechanics.kinematics import N_LEGS
 from hexsim.mechanics.leg_geometry import leg_line
+from hexsim.mechanics.mechanics import DOF_NAMES
 from hexsim.mechanics.rigid_body import centre_acceleration, cross, dot, rotated, rotated_back, rotation_of, triple
 from hexsim.plant.callbacks import WORDS, doubles, leg_bias, leg_rates, offset, supply_rates
 from hexsim.plant.states import LEG, ROW, A
@@ -46,7 +47,7 @@ class What(IntEnum):
 
 
 MOST_STATES = 48  # of six legs with all six states each, and of a power unit: 42
-N_TWIST = 6  # velocity and turning rate of the platform
+N_TWIST = len(DOF_NAMES)  # velocity and turning rate of the platform
 N_GAIN = int(mujoco.mjNGAIN)
 
 

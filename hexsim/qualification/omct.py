@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from hexsim.cueing.washout import Cueing, Washout, g
 
 Array = NDArray[np.float64]
-# of the test, five a decade
-FREQUENCIES_rad_s = (0.100, 0.158, 0.251, 0.398, 0.631, 1.000, 1.585, 2.512, 3.981, 6.310, 10.000, 15.849)
+# of the test, five a decade from 0.1 rad/s on, as printed there
+FREQUENCIES_rad_s = tuple(round(10.0 ** (k / 5 - 1), 3) for k in range(12))
 RATE_rad_s = np.radians(10.0)  # of the vehicle's sine
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 SOURCE = (
