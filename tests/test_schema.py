@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 import hexsim
 from hexsim.cli import app
 from hexsim.hydraulics import effects
-from hexsim.machine import models_folder
 
+MODELS = Path(__file__).parents[1] / "models"
 DATA = Path(__file__).parent / "data"
 SCENARIO_FILES = Path(hexsim.__file__).parent / "scenarios"
-MACHINES = [*models_folder().glob("*/*.toml"), *DATA.glob("*/machine.toml")]
+MACHINES = [*MODELS.glob("*/*.toml"), *DATA.glob("*/machine.toml")]
 SCENARIOS = list(SCENARIO_FILES.glob("*.toml"))
 
 
@@ -65,7 +65,7 @@ def test_every_scenario_file_has_the_form(scenario, path):
 )
 def test_a_bad_machine_file_has_not(machine, table, key, value):
     """An unknown key, an impossible value, a text for a number, and an effect out of bounds."""
-    tables = tomllib.loads((models_folder() / "bench" / "machine.toml").read_text())
+    tables = tomllib.loads((MODELS / "bench" / "machine.toml").read_text())
     tables.setdefault(table, {})[key] = value
     assert not machine.is_valid(tables)
 

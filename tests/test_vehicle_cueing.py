@@ -98,10 +98,11 @@ def test_what_a_washout_makes_of_a_push_is_drawn() -> None:
     assert 50.0 < way.max() < 200.0
 
 
-def test_jsbsims_own_packets_have_the_signs_that_are_read(tmp_path) -> None:
+def test_jsbsims_own_packets_have_the_signs_that_are_read(tmp_path, monkeypatch) -> None:
     """JSBSim flies a Cessna 172 and sends FGNetFDM itself: level flight is felt as nothing, a pull as up by (Nz - 1) g with the nose
     going up (negative about left), aileron to the right as a roll to the right; rates as JSBSim's own properties."""
     jsbsim = pytest.importorskip("jsbsim", reason="sends the packets; pip install jsbsim")
+    monkeypatch.chdir(tmp_path)  # JSBSim leaves a table where it runs
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as there:
         there.bind(("127.0.0.1", 0))
         there.setblocking(False)

@@ -18,7 +18,7 @@ from compensation.adaptive import leg as model
 from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.simulation import Run, simulate
+from hexsim.simulation import simulate
 
 TRUE = dict(
     ln_spool=math.log(60.0), zeta=0.7, amp_lag_s=7e-4, delay_s=3.1e-3, play_V=0.01, gain_up=1.0, gain_dn=0.95, dead_up_V=0.06,
@@ -454,7 +454,7 @@ def test_legs_of_a_platform_engage_together_and_leave_a_quarter() -> None:
     assert _rough(made, 10.0) < 0.25 * _rough(plain, 4.0)
 
 
-def _rough(run: Run, since_s: float) -> float:
+def _rough(run, since_s: float) -> float:
     """Largest departure [m/s2] of the heave acceleration from its mean over 0.1 s, within 1.9 s."""
     t, a = run.log["time_s"].to_numpy(), run.log["true_acceleration_z_m_s2"].to_numpy()
     wide = max(round(0.1 / (t[1] - t[0])), 1)

@@ -15,19 +15,17 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.recording import summary_table
-from hexsim.simulation import Run, simulate
+from hexsim.simulation import simulate
 
 
-def bench_run(
-    duration_s: float = 16.0, compensator: str = "adaptive", amplitude_m: float = 0.05, **changes: float
-) -> Run:
+def bench_run(duration_s: float = 16.0, compensator: str = "adaptive", amplitude_m: float = 0.05, **changes: float):
     """Heave on the bench with a machine file changed so; figures of its last 4 s."""
     machine = changed(load_machine("bench"), {name.replace("__", "."): value for name, value in changes.items()})
     scenario = load_scenario("heave", duration_s=duration_s, amplitude=amplitude_m)
     return simulate(machine, dataclasses.replace(scenario, figures_from_s=0.75 * duration_s), compensator=compensator)
 
 
-def peak(run: Run) -> float:
+def peak(run) -> float:
     return run.summary["axes"]["leg"]["peak_band_m_s2"]
 
 

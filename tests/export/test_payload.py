@@ -11,12 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import hexsim as hx
 from hexsim import HexsimError, load_scenario
 from hexsim.foreign_fmu import ALLOWED
-from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import scenario_from_dict
-from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import payload_fmu, simulate
 
 pytest.importorskip("ziglang", reason="the test compiles an FMU: pip install hexsim[fmu]")
@@ -226,12 +225,12 @@ def test_native_code_runs_only_when_it_is_allowed(spring, tmp_path, monkeypatch)
 
     refused(lambda: scenario_from_dict(tables))
     refused(lambda: payload_fmu.PayloadFmu(spring, {}, has_platform=False))
-    refused(lambda: apply_settings(load_scenario("heave"), load_machine("bench"), {"scenario.axes.z": table}))
+    refused(lambda: hx.run("heave", "bench", set={"scenario.axes.z": table}))
     with pytest.raises(HexsimError, match="allow_native is not a known key"):
         scenario_from_dict(tables | {"axes": {"z": table | {"allow_native": True}}})
     allowed = scenario_from_dict(tables, allow_native=True)
     assert allowed.allow_native and "allow_native" not in allowed.to_dict()["axes"]["z"]
-    assert apply_settings(allowed, load_machine("bench"), {"scenario.fade_s": 0.1})[0].fade_s == 0.1
+    assert hx.run(allowed, "bench", set={"scenario.fade_s": 0.1, "scenario.duration_s": 0.01}).scenario.fade_s == 0.1
 
 
 BAD = {

@@ -11,16 +11,16 @@ from typer.testing import CliRunner
 
 import hexsim
 from hexsim.cli import app
-from hexsim.machine import models_folder
 
+MODELS = Path(__file__).parents[2] / "models"
 SCENARIO_FILES = Path(hexsim.__file__).parent / "scenarios"
-BENCH = tomllib.loads((models_folder() / "bench" / "machine.toml").read_text())
+BENCH = tomllib.loads((MODELS / "bench" / "machine.toml").read_text())
 EFFECTS = {
     "null_offset": {"offset_V": 0.1},
     "spool_lag": {"frequency_Hz": 60.0, "where": "leg 1"},
     "entrained_air": {"fraction": 0.01},
 }
-POWER_UNIT = tomllib.loads((models_folder() / "micro_motion_system" / "power_unit.toml").read_text())
+POWER_UNIT = tomllib.loads((MODELS / "micro_motion_system" / "power_unit.toml").read_text())
 MACHINES = [BENCH, BENCH | {"effects": EFFECTS}, POWER_UNIT]
 SCENARIOS = [tomllib.loads(path.read_text()) for path in sorted(SCENARIO_FILES.glob("*.toml"))]
 FAULTY = {"name": "faulty", "axes": {"z": {"kind": "sine", "amplitude": 0.02, "frequency_Hz": 1.0}}}

@@ -1,14 +1,17 @@
 """Finding, reading, changing and writing machine files."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
 import tomli_w
 
 import hexsim as hx
 from hexsim import HexsimError
-from hexsim.machine import load_machine, machine_from_dict, models_folder, save_machine
+from hexsim.machine import load_machine, machine_from_dict, save_machine
 from hexsim.machine.files import changed, machine_tables
+
+MODELS = Path(__file__).parents[2] / "models"
 
 
 @pytest.mark.parametrize("name", ["bench", "micro_motion_system"])
@@ -40,7 +43,7 @@ def test_packaged_machines_are_found_by_name_and_path():
     """By name, by "models/<name>", by folder and by file: the same machine."""
     assert {"bench", "micro_motion_system"} <= set(hx.available()["machines"])
     for name in hx.available()["machines"]:
-        folder = models_folder() / name
+        folder = MODELS / name
         same = load_machine(name)
         assert same.name == name
         assert load_machine(f"models/{name}") == load_machine(folder) == load_machine(folder / "machine.toml") == same
@@ -132,7 +135,7 @@ def test_tables_make_the_machine_again(hexapod):
 def test_a_fitted_file_keeps_what_its_author_wrote(tmp_path):
     """Comments, order and spaces stay; a number that changed stands in its line, a new effect in a table of its own; and the file reads
     back as the machine that was saved."""
-    written = "# The rig in hall 3.\n" + (models_folder() / "bench" / "machine.toml").read_text().replace(
+    written = "# The rig in hall 3.\n" + (MODELS / "bench" / "machine.toml").read_text().replace(
         "\n[valve]", "\n[valve]   # from a data sheet"
     )
     (tmp_path / "declared.toml").write_text(written)
@@ -169,9 +172,7 @@ offset_V = 0.1
 
 def test_single_legs_and_effects_are_changed_in_their_place(tmp_path):
     """Tables of single legs keep their comments; a new effect is there, and one that is gone is gone."""
-    (tmp_path / "declared.toml").write_text(
-        (models_folder() / "micro_motion_system" / "machine.toml").read_text() + LEGS
-    )
+    (tmp_path / "declared.toml").write_text((MODELS / "micro_motion_system" / "machine.toml").read_text() + LEGS)
     tables = machine_tables(load_machine(tmp_path / "declared.toml"))
     tables["effects"] = {"leakage_supply_to_chamber": {"conductance_m3_s_Pa": 1e-12}}
     tables["leg"][0]["valve"]["overlap_m"] = 2.5e-5
@@ -195,7 +196,7 @@ def test_every_machine_of_hexsim_can_be_fitted_and_keeps_its_comments(name, tmp_
     save_machine(fitted, tmp_path / "machine.toml", name)
     assert load_machine(tmp_path) == fitted
     text = (tmp_path / "machine.toml").read_text()
-    place = models_folder() / name
+    place = MODELS / name
     file = place / "machine.toml" if place.is_dir() else place.with_suffix(".toml")
     comments = [line[line.index("#") :] for line in file.read_text().splitlines() if "#" in line]
     assert comments and all(comment in text for comment in comments)

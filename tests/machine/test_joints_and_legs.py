@@ -1,6 +1,7 @@
 """Joints where they were measured, legs that differ: identities with the two circles and the shared tables, hand calculations."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from hexsim.motion_computer import limits
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
-from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
 
 CIRCLES = machine_tables(load_machine("micro_motion_system"))
@@ -35,7 +35,7 @@ def with_toml(text, tables=CIRCLES):
 
 def short_run(machine, fast=False):
     """0.3 s of motion in all axes at once."""
-    scenario, _ = apply_settings(load_scenario("combined", duration_s=0.3), machine, {"scenario.fade_s": 0.0}, "test")
+    scenario = replace(load_scenario("combined", duration_s=0.3), fade_s=0.0)
     return simulate(machine, scenario, fast=fast, seed=3).log
 
 

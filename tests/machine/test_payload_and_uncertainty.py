@@ -4,13 +4,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+import hexsim as hx
 from hexsim import HexsimError, load_scenario
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import geometry
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.scenarios.settings import apply_settings
-from hexsim.simulation import simulate
 from hexsim.studies import sweep
 
 CABIN = {"name": "cabin", "mass_kg": 150.0, "position_m": [0.2, -0.1, 0.6], "inertia_kg_m2": [20.0, 25.0, 15.0]}
@@ -75,12 +74,11 @@ def test_drawn_machines_lie_within_their_widths(hexapod):
 def test_a_displaced_joint_is_unknown_to_the_motion_computer(hexapod):
     """Base joint 1 built 2 mm off: setpoints as declared, pose such that the displaced kinematics give the pistons, within 1 um."""
     displaced = {"effects.base_joint_offset": {"where": "leg 1", "x_m": 2e-3}}
-    scenario, machine = apply_settings(
-        load_scenario("combined", duration_s=0.3), hexapod, {"scenario.fade_s": 0.0, **displaced}, "test"
-    )
-    log, plain = (simulate(one, scenario, fast=True, seed=1).log for one in (machine, hexapod))
+    short = {"scenario.duration_s": 0.3, "scenario.fade_s": 0.0}
+    run, plain = (hx.run("combined", hexapod, set=short | more, fast=True, seed=1) for more in (displaced, {}))
+    log, machine = run.log, run.machine
     legs = [f"setpoint_{leg}_m" for leg in range(1, 7)]
-    assert log.select(legs).equals(plain.select(legs))
+    assert log.select(legs).equals(plain.log.select(legs))
     pose = log.select(pl.col("^platform_.*$")).to_numpy()
     pistons = log.select(pl.col("^true_position_.*$")).to_numpy()
     assert pistons == pytest.approx(resolve(machine).mechanics.piston_positions(pose), abs=1e-6)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from hexsim import HexsimError, load_scenario
+import hexsim as hx
+from hexsim import HexsimError
 from hexsim.machine.files import changed
 from hexsim.mechanics import points as point_motion
 from hexsim.recording import figures as figures_of_run
 from hexsim.recording import summary_table
 from hexsim.recording.signals import Signals
-from hexsim.scenarios.settings import apply_settings
 from hexsim.signals import table
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
@@ -24,13 +24,8 @@ def run(hexapod):
     """0.6 s of all axes at once with a driver's head, and an IMU elsewhere and turned."""
     changes = {"points": {"driver_head": HEAD, "below": [0.0, 0.0, -1.1]}}
     machine = changed(hexapod, IDEAL | changes)
-    scenario, machine = apply_settings(
-        load_scenario("combined", duration_s=0.6),
-        machine,
-        {"scenario.fade_s": 0.0, "sensors.imu_position_m": HEAD, "sensors.imu_orientation_deg": [10.0, -20.0, 90.0]},
-        "test",
-    )
-    return simulate(machine, scenario, fast=True)
+    imu = {"sensors.imu_position_m": HEAD, "sensors.imu_orientation_deg": [10.0, -20.0, 90.0]}
+    return hx.run("combined", machine, set={"scenario.duration_s": 0.6, "scenario.fade_s": 0.0, **imu}, fast=True)
 
 
 def test_acceleration_at_a_point_by_hand():

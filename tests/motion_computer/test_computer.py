@@ -9,7 +9,6 @@ from hexsim.machine.files import changed
 from hexsim.motion_computer import monitors, states
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error
-from hexsim.motion_computer.guidance import Guidance
 
 MACHINE = load_machine("micro_motion_system")
 SUPPLY = 7.0e6
@@ -88,7 +87,8 @@ def test_start_neutral_manual_and_back_to_rest() -> None:
 def test_guidance_keeps_its_limits_from_any_motion(command, after) -> None:
     """Out of the middle of a fast heave: velocity and acceleration of the setpoints stay within those of the guidance
     (braking: within the stop's), and neither jumps."""
-    machine, guidance = IdealMachine(), Guidance()
+    machine = IdealMachine()
+    guidance = machine.computer.guidance
     machine.computer.command("run_manual", 0.0)
     machine.run(2.1, heave)
     machine.computer.command(command, machine.time)
@@ -241,7 +241,7 @@ def test_without_supply_pressure_no_valve_is_opened_upwards() -> None:
     machine.supply = 3.0e6
     machine.run(2.0, heave)
     volts = np.array(machine.volts)[:, 0]
-    fade = round(Guidance().lift_fade_s / TICK)
+    fade = round(machine.computer.guidance.lift_fade_s / TICK)
     first = round(machine.computer.events[-1][0] / TICK)
     assert (volts[first + fade + 1 :] <= 1e-12).all()
     assert np.abs(np.diff(volts[1000:])).max() < 0.05  # V a tick

@@ -9,14 +9,14 @@ from scipy import signal
 from hexsim import HexsimError
 from hexsim.machine.files import changed
 from hexsim.motion_computer import controller, loop_model
-from hexsim.motion_computer.declared_control import control_of
+from hexsim.motion_computer.position_loop import PositionLoop
 
 T = 1 / 500
 FREQUENCIES = np.array([0.5, 2.0, 7.0, 20.0, 60.0, 120.0])
 
 
 def declared(bench, **keys):
-    return control_of(changed(bench, {f"controller.{key}": value for key, value in keys.items()}))
+    return PositionLoop(changed(bench, {f"controller.{key}": value for key, value in keys.items()}), (), None).control
 
 
 def play(control, setpoint, position=None, pressure=None):
@@ -41,7 +41,7 @@ def test_gain_alone_is_the_proportional_loop_of_the_report(bench):
     """u = sat(Kp (r - y)), to the bit, whatever else the memory holds."""
     rng = np.random.default_rng(3)
     setpoint, position = 0.1 + 0.2 * rng.standard_normal((2, 200))
-    volts = play(control_of(bench), setpoint, position, 1e6 * rng.standard_normal(200))
+    volts = play(declared(bench), setpoint, position, 1e6 * rng.standard_normal(200))
     assert np.array_equal(volts, np.clip(bench.controller.gain_V_per_m * (setpoint - position), -10.0, 10.0))
     assert np.abs(volts).max() == 10.0
 

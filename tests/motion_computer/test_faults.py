@@ -8,7 +8,7 @@ import pytest
 from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.qualification import outcome as outcomes
-from hexsim.simulation import Run, simulate
+from hexsim.simulation import simulate
 
 MACHINE = load_machine("micro_motion_system")
 TIME_s = 3.3  # heave at half its velocity, downwards
@@ -34,7 +34,7 @@ CASES = [
 ]
 
 
-def faulty(*faults: dict, scenario=HEAVE, **options) -> Run:
+def faulty(*faults: dict, scenario=HEAVE, **options):
     return simulate(MACHINE, dataclasses.replace(scenario, faults=faults), fast=True, **options)
 
 

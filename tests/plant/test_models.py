@@ -12,15 +12,16 @@ import pytest
 
 import hexsim as hx
 from hexsim.hydraulics import leg, parameters
-from hexsim.machine import load_machine, models_folder
+from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 
+MODELS = Path(__file__).parents[2] / "models"
 NAMES = hx.available()["machines"]
 
 
 def _generator():
-    spec = importlib.util.spec_from_file_location("generate", models_folder() / "generate.py")
+    spec = importlib.util.spec_from_file_location("generate", MODELS / "generate.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -30,14 +31,14 @@ def _generator():
 def test_model_files_are_what_the_geometry_gives(name):
     """The generated MJCF of a machine are what models/generate.py makes from machine.toml today."""
     for file, text in _generator().files_of(name).items():
-        assert (models_folder() / name / file).read_text() == text, file
+        assert (MODELS / name / file).read_text() == text, file
 
 
 @pytest.mark.parametrize("scene", ["scene.xml", "scene_servo.xml"])
 @pytest.mark.parametrize("name", NAMES)
 def test_every_element_of_the_scene_is_named(name, scene):
     """No body, joint, geom, site, actuator, equality, material, light, camera or key without a name."""
-    model = mujoco.MjModel.from_xml_path(str(models_folder() / name / scene))
+    model = mujoco.MjModel.from_xml_path(str(MODELS / name / scene))
     for kind in ("body", "joint", "geom", "site", "actuator", "equality", "material", "light", "camera", "key"):
         count = {
             "joint": model.njnt,
@@ -74,7 +75,7 @@ def test_random_volts_bring_no_warning(name, model, timestep):
 @pytest.mark.parametrize("name", NAMES)
 def test_raw_scene_steps_without_warning(name):
     """The scene file alone, without hexsim's oil, loads from `home` and steps 4 s under random volts without a warning."""
-    model = mujoco.MjModel.from_xml_path(str(models_folder() / name / "scene.xml"))
+    model = mujoco.MjModel.from_xml_path(str(MODELS / name / "scene.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     random = np.random.default_rng(3)
@@ -113,7 +114,7 @@ def test_machines_stand_and_move_in_mujoco_alone(tmp_path):
 
     The ball ends give by 0.1 um under the load; the chord of the valve's gain is within 3 % of either direction's.
     """
-    paths = [str(models_folder() / name / scene) for name in NAMES for scene in ("scene.xml", "scene_servo.xml")]
+    paths = [str(MODELS / name / scene) for name in NAMES for scene in ("scene.xml", "scene_servo.xml")]
     ended = subprocess.run(
         [sys.executable, "-I", "-c", ALONE, *paths], cwd=tmp_path, capture_output=True, text=True, check=True
     )
