@@ -15,15 +15,15 @@ from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
 from hexsim.simulation import simulate
 
-CIRCLES = machine_tables(load_machine("micro_motion_system"))
-MECHANICS = load_machine("micro_motion_system").mechanics
+DECLARED = load_machine("micro_motion_system")
+CIRCLES = machine_tables(DECLARED)
 
 
 def with_joints(base=None, platform=None, **more):
     """The report's machine with its joints as two tables."""
     tables = {
-        "base_joints_m": (MECHANICS.base_joints if base is None else base).tolist(),
-        "platform_joints_m": (MECHANICS.platform_joints if platform is None else platform).tolist(),
+        "base_joints_m": (DECLARED.mechanics.base_joints if base is None else base).tolist(),
+        "platform_joints_m": (DECLARED.mechanics.platform_joints if platform is None else platform).tolist(),
         "neutral_leg_length_m": CIRCLES["geometry"]["neutral_leg_length_m"],
     }
     return machine_from_dict(CIRCLES | {"geometry": tables | more})
@@ -58,16 +58,18 @@ def test_leg_tables_equal_to_the_shared_ones_give_the_same_log():
 def test_a_displaced_joint_moves_its_own_leg_as_by_hand():
     """Base joint 2 moved by d: l2 = |p + R b2 - a2 - d|, the other legs as before."""
     shift, pose = np.array([1e-3, -2e-3, 0.5e-3]), np.array([0.01, -0.02, 0.03, 0.04, -0.05, 0.06])
-    base = MECHANICS.base_joints.copy()
+    base = DECLARED.mechanics.base_joints.copy()
     base[1] += shift
     moved = with_joints(base).mechanics
     place = pose[:3] + np.array([0, 0, moved.neutral_height_m])
-    ends = place + MECHANICS.platform_joints @ moved.rotation(pose).T
+    ends = place + DECLARED.mechanics.platform_joints @ moved.rotation(pose).T
     by_hand = np.linalg.norm(ends - base, axis=1)
     assert moved.leg_lengths(pose) == pytest.approx(by_hand, abs=1e-14)
-    higher = np.array([0, 0, moved.neutral_height_m - MECHANICS.neutral_height_m, 0, 0, 0])
+    higher = np.array([0, 0, moved.neutral_height_m - DECLARED.mechanics.neutral_height_m, 0, 0, 0])
     others = [0, 2, 3, 4, 5]
-    assert moved.leg_lengths(pose)[others] == pytest.approx(MECHANICS.leg_lengths(pose + higher)[others], abs=1e-14)
+    assert moved.leg_lengths(pose)[others] == pytest.approx(
+        DECLARED.mechanics.leg_lengths(pose + higher)[others], abs=1e-14
+    )
     assert np.mean(moved.leg_lengths(np.zeros(6))) == pytest.approx(0.70, abs=1e-13)
 
 
@@ -77,7 +79,7 @@ def test_leg_zero_offset_makes_the_leg_longer_than_its_piston_says():
     machine = with_joints(leg_zero_offsets_m=offsets.tolist())
     pose = np.array([0.01, 0.0, 0.02, 0.0, 0.03, 0.0])
     assert machine.mechanics.piston_positions(pose) == pytest.approx(
-        MECHANICS.piston_positions(pose) - offsets, abs=1e-14
+        DECLARED.mechanics.piston_positions(pose) - offsets, abs=1e-14
     )
 
 
@@ -89,7 +91,8 @@ def test_displaced_joints_are_displaced_in_the_plant(fast):
     """
     random = np.random.default_rng(4)
     base, platform = (
-        j + random.uniform(-5e-3, 5e-3, (6, 3)) for j in (MECHANICS.base_joints, MECHANICS.platform_joints)
+        j + random.uniform(-5e-3, 5e-3, (6, 3))
+        for j in (DECLARED.mechanics.base_joints, DECLARED.mechanics.platform_joints)
     )
     machine = with_joints(base, platform)
     log = short_run(machine, fast)
@@ -165,7 +168,7 @@ def test_both_forms_of_joints_are_refused_together():
 def test_joints_that_hold_nothing_are_refused():
     """Equal joints above and below: six parallel legs."""
     with pytest.raises(HexsimError, match="cannot hold the platform"):
-        _ = with_joints(MECHANICS.platform_joints).mechanics
+        _ = with_joints(DECLARED.mechanics.platform_joints).mechanics
 
 
 def test_declared_tables_survive_a_file():
