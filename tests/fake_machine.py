@@ -26,6 +26,13 @@ NEXT = {
 }
 
 
+def neutral_reply(**more) -> host_packet.Reply:
+    """What a machine in neutral tells, that took the host's first packet at once. more: fields that differ."""
+    zeros = dict.fromkeys(("time_s", "behind_s", "age_s"), 0.0) | dict.fromkeys(("pose", "reference"), (0.0,) * 6)
+    told = {"state": states.State.NEUTRAL, "errors": Error.NONE, "sequence": 0, "arrived": True, "refused": False}
+    return host_packet.Reply(**told | zeros | more)
+
+
 class FakeMachine:
     """In a thread, at `address`; the machine's clock follows the host's packets, or the real one.
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
+from fake_machine import neutral_reply
 from typer.testing import CliRunner
 
 import compensation
@@ -21,8 +22,7 @@ from hexsim.identification import host as hosts
 from hexsim.identification import link as links
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
-from hexsim.motion_computer import compensator_packet, host_limiter, host_packet, states, telemetry
-from hexsim.motion_computer.errors import Error
+from hexsim.motion_computer import compensator_packet, host_limiter, states, telemetry
 from hexsim.simulation import serve, simulate
 from hexsim.simulation.asked_compensators import AskedCompensators
 
@@ -415,18 +415,7 @@ def test_nobody_there():
 @pytest.mark.parametrize("refused", [False, True])
 def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
     """Replies that come three packets late: whether a command was refused is judged by the reply that answers it."""
-    answer = host_packet.Reply(
-        state=states.State.NEUTRAL,
-        errors=Error.NONE,
-        sequence=0,
-        arrived=True,
-        refused=False,
-        time_s=0.0,
-        behind_s=0.0,
-        age_s=0.0,
-        pose=(0.0,) * 6,
-        reference=(0.0,) * 6,
-    )
+    answer = neutral_reply()
     asked = 20
 
     sent = []
@@ -459,18 +448,7 @@ def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
     monkeypatch.setattr(links.Link, "send", lambda link, data: sent.append(now[0]))
     monkeypatch.setattr(links.Link, "receive", lambda link, until_s, wanted=None: True)
     with hosts.Host(("127.0.0.1", 9)) as host:
-        host._link.reply = host_packet.Reply(
-            state=states.State.NEUTRAL,
-            errors=Error.NONE,
-            sequence=0,
-            arrived=True,
-            refused=False,
-            time_s=0.0,
-            behind_s=0.0,
-            age_s=0.0,
-            pose=(0.0,) * 6,
-            reference=(0.0,) * 6,
-        )
+        host._link.reply = neutral_reply()
         for silence_s in (0.0, 10.0):
             now[0] += silence_s
             for _ in range(10):

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_machine import neutral_reply
 from harness import MORE, fuzz, refused
 from hypothesis import strategies as st
 from mutations import as_toml, mutated, numbers, texts, values
 
 from hexsim.cueing import protocols, toml_protocol
 from hexsim.motion_computer import compensator_packet, host_packet, states, telemetry
-from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_buffer import HostBuffer
 
 SIX = (0.1,) * 6
@@ -69,18 +69,7 @@ BRIDGE_JSON = json.dumps(
 ).encode()
 COMMAND = host_packet.HostCommand(sequence=1, time_s=0.5, setpoints=SIX, command="start")
 MOVING = host_packet.HostCommand(sequence=1, time_s=0.5, setpoints=SIX, derivatives=(SIX, SIX))
-REPLY = host_packet.Reply(
-    state=states.State.NORMAL,
-    errors=Error.NONE,
-    sequence=1,
-    arrived=True,
-    refused=False,
-    time_s=1.0,
-    behind_s=0.0,
-    age_s=0.0,
-    pose=SIX,
-    reference=SIX,
-)
+REPLY = neutral_reply(state=states.State.NORMAL, sequence=1, time_s=1.0, pose=SIX, reference=SIX)
 ASKED = compensator_packet.AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"a": [1.0, None] * 200})
 TELEMETRY = [
     telemetry.Telemetry(n_legs=n, sequence=1, time_s=0.0, rate_Hz=500.0, rows=np.full((m, telemetry.width(n)), 0.1))

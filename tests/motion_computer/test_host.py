@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from fake_machine import neutral_reply
 
 from hexsim import HexsimError
 from hexsim.machine import load_machine
@@ -55,18 +56,7 @@ def test_packets_survive_the_wire() -> None:
 def test_what_is_no_reply_is_said() -> None:
     """Another size, another version, a state that there is not, times that are not finite, poses that cannot be: each in its
     words, so that a host can tell a machine of another version from silence. A pose that is not known is no lie."""
-    good = host_packet.Reply(
-        state=states.State.NORMAL,
-        errors=Error.NONE,
-        sequence=9,
-        arrived=True,
-        refused=False,
-        time_s=1.0,
-        behind_s=0.0,
-        age_s=0.01,
-        pose=SIX,
-        reference=SIX,
-    ).pack()
+    good = neutral_reply(pose=SIX, reference=SIX).pack()
     assert "3 bytes that begin with b'abc'; expected 136" in host_packet.unpack_reply(b"abc")
     assert "another version, b'HXS2'" in host_packet.unpack_reply(b"HXS2" + good[4:])
     assert "unknown state 77" in host_packet.unpack_reply(good[:4] + struct.pack("<H", 77) + good[6:])
