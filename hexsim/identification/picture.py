@@ -68,15 +68,7 @@ def draw_budget(
     plot.set_ylim(noise_floor, 4.0 * plot.get_ylim()[1])
     plain_powers(plot)
     plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
-    plot.annotate(
-        "noise",
-        (1.0, 1.0),
-        (4, 0),
-        xycoords=("axes fraction", "data"),
-        textcoords="offset points",
-        va="center",
-        fontsize=8,
-    )
+    _beside(plot, "noise", 1.0)
     plot.set_xticks(
         range(len(shown)), [SCALE[kind_of(channel)][0].replace(", ", "\n") for _, channel in shown], fontsize=9
     )
@@ -87,6 +79,12 @@ def draw_budget(
     legend(plot, len(steps))
 
 
+def _beside(plot: Axes, text: str, height: float) -> None:
+    """A small text to the right of the axes."""
+    beside = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+    plot.annotate(text, (1.0, height), (4, 0), va="center", fontsize=8, **beside)
+
+
 def draw_bump(plot: Axes, bump: Bump) -> None:
     """What a passenger feels beside the sine, before and after."""
     for own, worst, label, colour in (
@@ -95,15 +93,7 @@ def draw_bump(plot: Axes, bump: Bump) -> None:
     ):
         plot.plot(own.time_s - own.time_s[0], own.band, color=colour, lw=1.3, label=f"{label}: {worst:.3f} m/s²")
     plot.axhspan(-PERCEPTION_m_s2["z"], PERCEPTION_m_s2["z"], color=palette.GRID, lw=0, zorder=0)
-    plot.annotate(
-        "below\nperception",
-        (1.0, 0.0),
-        (4, 0),
-        xycoords=("axes fraction", "data"),
-        textcoords="offset points",
-        va="center",
-        fontsize=8,
-    )
+    _beside(plot, "below\nperception", 0.0)
     plot.set_xlabel("time of the heave, 0.5 Hz [s]")
     plot.set_ylabel("acceleration beside\nthe sine, 50 Hz [m/s²]")
     plot.set_title(f"The bump at each reversal of the machine: {bump.left}", loc="left", pad=20)
