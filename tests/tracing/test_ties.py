@@ -39,7 +39,8 @@ def test_more_oil_can_stand_for_a_softer_hose(bench):
     fit = least_squares.with_effects(
         least_squares.start_fit(machine, parameters.priors(machine), problem), [named("hose_compliance")], 0.6, problem
     )
-    fit = dataclasses.replace(fit, values=({"compliance_m3_Pa": 3e-14},))
+    fit = least_squares.evaluate(dataclasses.replace(fit, values=({"compliance_m3_Pa": 3e-14},)), problem)
+    fit = least_squares.parameter_columns(fit, problem)
     found = {
         candidate.effect.name: size
         for candidate, size in ties.stand_ins(fit, 0, parameters.candidates(machine), problem)

@@ -209,8 +209,8 @@ def refine(
     """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance`, or by less than the share
     `relative` of the excess; a step that promises less is not tried.
 
-    fresh: make the columns of the declared parameters anew where they have become poor, and before the last step. stated: its
-    numbers are told to people: fresh, and by steps of standard deviations.
+    fresh: make the columns of the declared parameters anew where they have become poor, and before the last step; those that
+    the fit brings are old. stated: its numbers are told to people: fresh, and by steps of standard deviations.
     worth: is a fit worth a step that promises so much, as the last one kept its promise?
     """
     if not fit.priors and not fit.candidates:
@@ -218,8 +218,9 @@ def refine(
     if stated:
         alone = np.full(len(coordinates_of(fit)), 0.1 * rules.LEAST_STEP)
         fresh, fit = True, replace(fit, columns=None, neighbours=None, alone=alone)
+    age = 0 if fit.columns is None else 1
     fit = parameter_columns(fit, problem) if fit.columns is None else fit
-    damping, age, trust = 0.0, 0, 1.0
+    damping, trust = 0.0, 1.0
     A, scores = np.zeros((0, 0)), np.zeros((0, 0))
     for _ in range(steps):
         A, b, scores = _system(fit, _all_columns(fit, problem), problem)

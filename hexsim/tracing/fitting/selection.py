@@ -136,7 +136,8 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
         quick += tried_with([line for line in bending(lines, listed) if may_reach(line, fit, rules.NEAR * left)])
     quick.sort(key=lambda rival: rival.chi2)
     near = [rival for rival in quick[: rules.FEW] if rival.chi2 <= rules.NEAR * quick[0].chi2]
-    tried = in_parallel(lambda rival: refine(parameter_columns(rival, head), head, fresh=True, relative=enough), near)
+    worth = may_leave(quick[0].chi2 + rules.TELLABLE * max(short.chi2 - quick[0].chi2, 0.0))  # else it is none
+    tried = in_parallel(lambda rival: refine(rival, head, fresh=True, relative=enough, worth=worth), near)
     tried.sort(key=lambda rival: rival.chi2)
     if head is problem:
         return Stage(lines=lines, rivals=ranked(tried, head))

@@ -13,6 +13,7 @@ from hexsim.readers.one_grid import as_read
 from hexsim.signals.channels import SETTLE_S, channel_arrays, kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
+from hexsim.tracing.memory import latest_of
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 from hexsim.tracing.simulation.rig import DECLARED_LOOP, LOGGED_VOLTS
 from hexsim.tracing.simulation.simulator import simulate_log, simulated_or_refused
@@ -55,7 +56,7 @@ class SimulatedProblem(FitProblem):
     def head(self, duration_s: float) -> Self:
         if self.duration_s <= duration_s + 1e-6:
             return self
-        logs = tuple(log.head(duration_s) for log in self.logs)
+        logs = tuple(latest_of(log, "head", duration_s, lambda log=log: log.head(duration_s)) for log in self.logs)
         known = zip(self.input_uncertainty, logs, strict=bool(self.input_uncertainty))
         return replace(
             self, logs=logs, input_uncertainty=tuple(np.ascontiguousarray(u[:, : log.n]) for u, log in known)

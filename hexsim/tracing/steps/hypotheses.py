@@ -17,6 +17,7 @@ from hexsim.tracing.fitting.selection import (
     Search,
     Stage,
     Tick,
+    cut,
     information,
     named_first,
     pruned,
@@ -25,6 +26,8 @@ from hexsim.tracing.fitting.selection import (
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
 from hexsim.tracing.steps.balance_search import extend_search
+
+Array = np.ndarray
 
 
 def contenders(found: Search, after: int = 0) -> list[Fit]:
@@ -45,16 +48,21 @@ def contenders(found: Search, after: int = 0) -> list[Fit]:
 def simulated_rivals(
     found: Search,
     problem: SimulatedProblem,
+    base: Fit,
     tick: Tick = lambda step: None,
     after: int = 0,
 ) -> list[Fit]:
-    """The contenders of a search refitted by simulation, the best first; more effects only while fewer do not suffice."""
+    """The contenders of a search refitted by simulation, the best first; more effects only while fewer do not suffice.
+
+    base: the declared machine as it is simulated, with its columns, from which their refits begin.
+    """
+    columns = cut(base, problem, problem.head(rules.OPENING_S)).columns
     rivals: list[Fit] = []
     for rival in contenders(found, after):
         if any(residual_at_noise_level(r.misfit) for r in rivals if len(r.candidates) < len(rival.candidates)):
             break
         tick(f"simulating {' and '.join(c.label for c in rival.candidates)}")
-        fitted = simulated_fit(rival, problem)
+        fitted = simulated_fit(rival, problem, columns)
         rivals += [] if fitted is None else [fitted]
     return named_first(sorted(rivals, key=information))
 
@@ -64,13 +72,13 @@ def rivals_of_balances(found: Search, trace: Trace, tell: Tell) -> list[Fit]:
     rivals: list[Fit] = []
     after, more = 0, found
     while more is not None and len(more.best.candidates) > after:
-        rivals += simulated_rivals(more, trace.fit_problem, tell, after)
+        rivals += simulated_rivals(more, trace.fit_problem, trace.base, tell, after)
         after = len(more.best.candidates)
         more = None if any(residual_at_noise_level(r.misfit) for r in rivals) else extend_search(more, trace)
     return named_first(sorted(rivals, key=information))
 
 
-def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
+def simulated_fit(rival: Fit, problem: SimulatedProblem, columns: list[Array] | None = None) -> Fit | None:
     """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
 
     What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole: that fit ends as soon as
@@ -78,10 +86,11 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
     fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect. A hypothesis
     that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
     static friction makes the same disturbances move the machine further.
+    columns: of the declared parameters over the opening seconds, from a machine nearby; made anew where they are poor.
     """
     head = problem.head(rules.OPENING_S)
     share = head.duration_s / problem.duration_s
-    start = start_fit_at(rival, head)
+    start = replace(start_fit_at(rival, head), columns=columns)
     if not np.isfinite(start.chi2):
         return None
 
@@ -94,7 +103,7 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
         if opening.reduced > rules.NEAR:
             return None
         own = head.with_input_uncertainty(opening.fitted_machine())
-        judged = start_fit_at(opening, own)
+        judged = replace(start_fit_at(opening, own), columns=reweighted(opening.columns, head, own))
         if judged.chi2 >= opening.chi2:  # its own inputs leave no more unknown
             return None
         opening = refine(judged, own, fresh=True, worth=worth)
@@ -103,6 +112,14 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
         whole = fitted_from((opening, rival), problem.with_input_uncertainty(opening.fitted_machine()))
         return None if whole is None else replace(start_fit_at(whole, problem), covariance=whole.covariance)
     return fitted_from((opening, rival), problem)
+
+
+def reweighted(columns: list[Array] | None, before: SimulatedProblem, after: SimulatedProblem) -> list[Array] | None:
+    """Columns in units of what another problem leaves unknown of the same logs."""
+    if columns is None:
+        return None
+    shares = ((before.sigma(i) / after.sigma(i))[:, before.settle(i) :] for i in range(len(before.logs)))
+    return [own * share for own, share in zip(columns, shares, strict=True)]
 
 
 def may_come_near(fit: Fit, fall: float, share: float) -> bool:

@@ -20,8 +20,8 @@ from hexsim.machine.files import changed
 from hexsim.tracing import rules
 from hexsim.tracing.balances import learned_term_of
 from hexsim.tracing.dependence import behind_low_pass
-from hexsim.tracing.fitting.fit import Fit, refine, start_fit
-from hexsim.tracing.fitting.selection import scale_of
+from hexsim.tracing.fitting.fit import Fit, evaluate, refine
+from hexsim.tracing.fitting.selection import may_leave, scale_of
 from hexsim.tracing.held_out import growths
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, UnexplainedResidual
@@ -77,7 +77,8 @@ def learned_fit(
     if table is None or "learned_term" in machine.effects:
         return None
     grown = changed(machine, {"effects": {**machine.effects, "learned_term": table}})
-    fit = refine(start_fit(grown, base.priors, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    start, worth = evaluate(replace(base, machine=grown), problem), may_leave(base.chi2 - rules.alarm(base.n))
+    fit = refine(start, problem, fresh=True, relative=rules.BASE_TOLERANCE, worth=worth)
     gains = held_out_gains(fit, base, held_out)
     helps = base.chi2 - fit.chi2 > rules.alarm(fit.n) * scale_of(fit)
     worse = growths(held_out, base.built(), fit.built())

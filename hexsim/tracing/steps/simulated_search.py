@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import refine, start_fit_at
+from hexsim.tracing.fitting.fit import refine
 from hexsim.tracing.fitting.selection import (
     Search,
     cut,
@@ -29,9 +29,9 @@ def simulated_search(trace: Trace, tell: Tell) -> Search:
     head = problem.head(rules.OPENING_S)
     if head is problem or residual_at_noise_level(cut(base, problem, head).misfit):
         return search(base, possible, problem, tell, least_gain=rules.EXPLAINS)
-    opening = refine(start_fit_at(base, head), head, fresh=True, relative=rules.BASE_TOLERANCE)
+    opening = refine(cut(base, problem, head), head, fresh=True, relative=rules.BASE_TOLERANCE)
     found = search(opening, possible, head, tell, least_gain=rules.EXPLAINS)
-    rivals = simulated_rivals(found, problem, tell)
+    rivals = simulated_rivals(found, problem, base, tell)
     stages = [replace(stage, rivals=[]) for stage in found.stages]
     if rivals:
         stages[-1].rivals = rivals
@@ -49,7 +49,8 @@ def search_by_simulation(trace: Trace, tell: Tell) -> Trace:
     if found.stages:
         trace = replace(trace, screening=found.stages[0].lines, screened=trace.base.n)
     if not final.candidates or information(found.best) < information(final):
-        best = refine(found.best, trace.fit_problem, stated=True)
+        # without an effect the verdict states the declared machine itself
+        best = refine(found.best, trace.fit_problem, stated=True) if found.best.candidates else found.best
         trace = replace(trace, search=found, final=pruned(best, trace.fit_problem))
     trace = refit_with_own_input_uncertainty(trace)
     return replace(trace, decided=f"{hypothesis_words(trace.final)}: chi2 {trace.final.reduced:.3g} a sample")

@@ -21,7 +21,7 @@ from hexsim.tracing.fitting.limits import limits_of, reached
 from hexsim.tracing.fitting.normal import flat
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_coordinate, to_value
 from hexsim.tracing.fitting.screening import SCREEN_STEP, Screened, columns_of
-from hexsim.tracing.fitting.selection import inert, information, scale_of, try_candidate
+from hexsim.tracing.fitting.selection import cut, inert, information, scale_of, try_candidate
 from hexsim.tracing.held_out import refused
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
@@ -35,9 +35,16 @@ Array = np.ndarray
 TANGENT = rules.LEAST_STEP / SCREEN_STEP  # of the trial size: near a resonance the answer is soon nonlinear
 
 
+def with_columns(fit: Fit, whole: SimulatedProblem, head: SimulatedProblem) -> Fit:
+    """The fit over the opening seconds, with the columns of its parameters that it has over the whole, else with new ones."""
+    seen = start_fit_at(fit, head)
+    known = cut(fit, whole, head).columns if fit.columns is not None and fit.alone is not None else None
+    return parameter_columns(seen, head) if known is None else replace(seen, columns=known)
+
+
 def bare_at(fit: Fit, k: int, problem: SimulatedProblem) -> Fit:
-    """The fitted machine with effect k taken away, nothing refitted, as seen by a problem."""
-    return parameter_columns(start_fit_at(without_effect(fit, k), problem), problem)
+    """The fit with effect k taken away, nothing refitted, its columns as they are: what stands in for the effect acts as it did."""
+    return replace(start_fit_at(without_effect(fit, k), problem), columns=fit.columns)
 
 
 def stand_ins(
@@ -45,9 +52,9 @@ def stand_ins(
 ) -> list[tuple[Candidate, float]]:
     """Candidates whose column does what effect k does, with the size that does it, the best first.
 
-    No simulated channel shows the volts: what they say of the loop that runs, nothing beside the loop can say.
+    No simulated channel shows the volts: what they say of the loop that runs, nothing beside the loop can say. The fit holds
+    the columns of its parameters.
     """
-    fit = parameter_columns(start_fit_at(fit, problem), problem)
     counts = [len(candidate.free()) for candidate in fit.candidates]
     first = sum(counts[:k])
     numbers = flat(effect_columns(fit, problem))
@@ -95,12 +102,12 @@ def alike_in_balances(own: Candidate, possible: Sequence[Candidate], lines: Sequ
 def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedProblem) -> dict[str, Fit]:
     """Effects that can stand for effect k: label -> the hypothesis with it, refitted on the whole runs."""
     head = problem.head(rules.OPENING_S)
-    near = stand_ins(fit, k, possible, head)
-    bare = bare_at(fit, k, head) if near else fit
+    seen = with_columns(fit, problem, head)
+    near = stand_ins(seen, k, possible, head)
 
     def refitted(entry: tuple[Candidate, float]) -> Fit | None:
-        opening = try_candidate(bare, *entry, head, rules.FEW_STEPS)
-        return None if opening is None else simulated_fit(opening, problem)
+        opening = try_candidate(bare_at(seen, k, head), *entry, head, rules.FEW_STEPS)
+        return None if opening is None else simulated_fit(opening, problem, seen.columns)
 
     tied = {}
     for (candidate, _), rival in zip(near, in_parallel(refitted, near), strict=True):
@@ -122,15 +129,16 @@ def better_limit(fit: Fit, k: int, trace: Trace) -> Fit | None:
     if balances is None or own.limit or not limits:
         return None
     head, margin = problem.head(rules.OPENING_S), rules.SIGNIFICANT * scale_of(fit)
-    bare, alarm = bare_at(fit, k, head), rules.alarm(trace.screened)
-    here, at_balances = start_fit_at(fit, head).chi2, start_fit_at(bare, balances)
+    seen, alarm = with_columns(fit, problem, head), rules.alarm(trace.screened)
+    bare = bare_at(seen, k, head)
+    here, at_balances = seen.chi2, start_fit_at(bare, balances)
     found = None
     for candidate in limits:
         begun = to_coordinate(candidate.effect.parameters[0], reached(at_balances, candidate, balances, alarm))
         opening = try_candidate(bare, candidate, begun, head, rules.FEW_STEPS)
         if opening is None or opening.chi2 > here + margin:
             continue
-        rival = simulated_fit(opening, problem)
+        rival = simulated_fit(opening, problem, seen.columns)
         if rival is not None and rival.chi2 < (found or fit).chi2 - margin and not inert(rival, problem, alarm):
             found = rival
     return found

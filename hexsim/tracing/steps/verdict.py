@@ -13,7 +13,7 @@ from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
 from hexsim.tracing.fitting.rest_evidence import values_in_leg
 from hexsim.tracing.fitting.rest_priors import effects_of
-from hexsim.tracing.fitting.selection import may_leave, residual_at_noise_level, scale_of
+from hexsim.tracing.fitting.selection import cut, may_leave, residual_at_noise_level, scale_of
 from hexsim.tracing.held_out import refused
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, Verdict
@@ -30,7 +30,8 @@ def refit_without_effects(fit: Fit, base: Fit, problem: SimulatedProblem) -> Fit
     worth = may_leave(fit.chi2 + rules.alarm(fit.n) * scale_of(fit))
     bare, again = replace(fit, candidates=(), values=()), base
     for part in dict.fromkeys((problem.head(rules.OPENING_S), problem)):
-        again = refine(start_fit_at(bare, part), part, fresh=True, relative=rules.BASE_TOLERANCE, worth=worth)
+        start = replace(start_fit_at(bare, part), columns=cut(fit, problem, part).columns)
+        again = refine(start, part, fresh=True, relative=rules.BASE_TOLERANCE, worth=worth)
         if not worth(again, 0.0):
             return base
     return again if again.chi2 < base.chi2 else base
