@@ -257,6 +257,12 @@ def refine(
     return replace(fit, covariance=covariance, neighbours=None, columns=columns)
 
 
+def promise_of(fit: Fit, problem: FitProblem) -> float:
+    """Fall of the cost that the columns which a fit holds promise."""
+    A, b, _ = _system(fit, _all_columns(fit, problem), problem)
+    return fall_of(A, b, _step(fit, A, b, 0.0)[1])
+
+
 def _all_columns(fit: Fit, problem: FitProblem) -> list[Columns]:
     """Columns of all coordinates, a log: the kept ones of declared parameters, those of effects anew."""
     assert fit.columns is not None

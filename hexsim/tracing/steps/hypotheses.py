@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, promise_of, refine, start_fit_at
 from hexsim.tracing.fitting.selection import (
     Search,
     Stage,
@@ -54,15 +54,14 @@ def simulated_rivals(
 ) -> list[Fit]:
     """The contenders of a search refitted by simulation, the best first; more effects only while fewer do not suffice.
 
-    base: the declared machine as it is simulated, with its columns, from which their refits begin.
+    base: the declared machine as it is simulated, with its columns.
     """
-    columns = cut(base, problem, problem.head(rules.OPENING_S)).columns
     rivals: list[Fit] = []
     for rival in contenders(found, after):
         if any(residual_at_noise_level(r.misfit) for r in rivals if len(r.candidates) < len(rival.candidates)):
             break
         tick(f"simulating {' and '.join(c.label for c in rival.candidates)}")
-        fitted = simulated_fit(rival, problem, columns)
+        fitted = simulated_fit(rival, problem, base)
         rivals += [] if fitted is None else [fitted]
     return named_first(sorted(rivals, key=information))
 
@@ -78,7 +77,7 @@ def rivals_of_balances(found: Search, trace: Trace, tell: Tell) -> list[Fit]:
     return named_first(sorted(rivals, key=information))
 
 
-def simulated_fit(rival: Fit, problem: SimulatedProblem, columns: list[Array] | None = None) -> Fit | None:
+def simulated_fit(rival: Fit, problem: SimulatedProblem, near: Fit) -> Fit | None:
     """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
 
     What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole: that fit ends as soon as
@@ -86,11 +85,11 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem, columns: list[Array] | 
     fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect. A hypothesis
     that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
     static friction makes the same disturbances move the machine further.
-    columns: of the declared parameters over the opening seconds, from a machine nearby; made anew where they are poor.
+    near: a machine nearby, whose columns of the declared parameters tell first whether it is worth a refit.
     """
     head = problem.head(rules.OPENING_S)
     share = head.duration_s / problem.duration_s
-    start = replace(start_fit_at(rival, head), columns=columns)
+    start = replace(start_fit_at(rival, head), columns=cut(near, problem, head).columns)
     if not np.isfinite(start.chi2):
         return None
 
@@ -98,28 +97,34 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem, columns: list[Array] | 
         there = residual_at_noise_level(fit.misfit, share)
         return not there and may_come_near(fit, rules.NEAR * promise, share)
 
-    opening = refine(start, head, fresh=True, worth=worth)
+    opening = start
+    if start.columns is None or worth(start, promise_of(start, head)):
+        opening = refine(replace(start, columns=None), head, fresh=True, worth=worth)
     if not residual_at_noise_level(opening.misfit, share):
         if opening.reduced > rules.NEAR:
             return None
         own = head.with_input_uncertainty(opening.fitted_machine())
-        judged = replace(start_fit_at(opening, own), columns=reweighted(opening.columns, head, own))
+        judged = replace(start_fit_at(opening, own), columns=reweighted(opening, head, own))
         if judged.chi2 >= opening.chi2:  # its own inputs leave no more unknown
             return None
         opening = refine(judged, own, fresh=True, worth=worth)
         if not residual_at_noise_level(opening.misfit, share):
             return None
-        whole = fitted_from((opening, rival), problem.with_input_uncertainty(opening.fitted_machine()))
-        return None if whole is None else replace(start_fit_at(whole, problem), covariance=whole.covariance)
+        known = problem.with_input_uncertainty(opening.fitted_machine())
+        whole = fitted_from((opening, rival), known)
+        if whole is None:
+            return None
+        columns = reweighted(whole, known, problem)
+        return replace(start_fit_at(whole, problem), covariance=whole.covariance, columns=columns)
     return fitted_from((opening, rival), problem)
 
 
-def reweighted(columns: list[Array] | None, before: SimulatedProblem, after: SimulatedProblem) -> list[Array] | None:
-    """Columns in units of what another problem leaves unknown of the same logs."""
-    if columns is None:
+def reweighted(fit: Fit, before: SimulatedProblem, after: SimulatedProblem) -> list[Array] | None:
+    """A fit's columns in units of what another problem leaves unknown of the same logs."""
+    if fit.columns is None:
         return None
-    shares = ((before.sigma(i) / after.sigma(i))[:, before.settle(i) :] for i in range(len(before.logs)))
-    return [own * share for own, share in zip(columns, shares, strict=True)]
+    shares = ((before.sigma(i) / after.sigma(i)) for i in range(len(before.logs)))
+    return [own * share[:, -own.shape[2] :] for own, share in zip(fit.columns, shares, strict=True)]
 
 
 def may_come_near(fit: Fit, fall: float, share: float) -> bool:

@@ -38,7 +38,7 @@ TANGENT = rules.LEAST_STEP / SCREEN_STEP  # of the trial size: near a resonance 
 def with_columns(fit: Fit, whole: SimulatedProblem, head: SimulatedProblem) -> Fit:
     """The fit over the opening seconds, with the columns of its parameters that it has over the whole, else with new ones."""
     seen = start_fit_at(fit, head)
-    known = cut(fit, whole, head).columns if fit.columns is not None and fit.alone is not None else None
+    known = cut(fit, whole, head).columns
     return parameter_columns(seen, head) if known is None else replace(seen, columns=known)
 
 
@@ -107,7 +107,7 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedP
 
     def refitted(entry: tuple[Candidate, float]) -> Fit | None:
         opening = try_candidate(bare_at(seen, k, head), *entry, head, rules.FEW_STEPS)
-        return None if opening is None else simulated_fit(opening, problem, seen.columns)
+        return None if opening is None else simulated_fit(opening, problem, fit)
 
     tied = {}
     for (candidate, _), rival in zip(near, in_parallel(refitted, near), strict=True):
@@ -138,7 +138,7 @@ def better_limit(fit: Fit, k: int, trace: Trace) -> Fit | None:
         opening = try_candidate(bare, candidate, begun, head, rules.FEW_STEPS)
         if opening is None or opening.chi2 > here + margin:
             continue
-        rival = simulated_fit(opening, problem, seen.columns)
+        rival = simulated_fit(opening, problem, fit)
         if rival is not None and rival.chi2 < (found or fit).chi2 - margin and not inert(rival, problem, alarm):
             found = rival
     return found
