@@ -117,7 +117,7 @@ def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -
         twist = np.linalg.solve(jacobian, np.stack([leg.mean_v for leg in sensed]).T[..., None])[..., 0]
         omega = np.einsum("nba,nb->na", rotation, twist[:, 3:])
         weak = None
-        if not has_imu(log):
+        if log.acceleration is None or log.angular is None:  # not all six
             sharp, window = kinematics.forward(np.stack([leg.y for leg in sensed]).T, poses).T, Window(log.rate)
             change = kinematics.twist_rate(poses, window.rate(sharp).T, window.second_rate(sharp).T)
             weak = kinematics.to_platform_frame(poses, change)
@@ -126,11 +126,6 @@ def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -
         )  # fmt: skip
 
     return remembered(log, ("platform", built, settings), moved)
-
-
-def has_imu(log: Log) -> bool:
-    """Do accelerometers show all six accelerations of the platform?"""
-    return log.acceleration is not None and log.angular is not None
 
 
 def accelerations_of(log: Log, resolved: Resolved, motion: PlatformMotion) -> Array:

@@ -19,14 +19,10 @@ OF_SPOOL = (  # all of a row that the spool depends on
 
 def at_samples(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
     """Volts that reach the spool and its position at the samples: as volts are held, the mean of both sides."""
-    held, x = spool_state(row, np.ascontiguousarray(volts), t, rate)
+    logged, delay = np.ascontiguousarray(volts), row[P.VALVE_DELAY] * rate
+    held = leg_equations.valve_volts(logged, row[P.HYSTERESIS], delay, row[P.HYSTERESIS_SPREAD])
+    x = spool_positions(row, held, t)
     return held, 0.5 * (x + np.concatenate([x[:1], x[:-1]]))
-
-
-def spool_state(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
-    """Volts that reach the spool, and the spool's position: the recursions of delay, play and spool on measured volts."""
-    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], row[P.VALVE_DELAY] * rate, row[P.HYSTERESIS_SPREAD])
-    return held, spool_positions(row, held, t)
 
 
 @compiled

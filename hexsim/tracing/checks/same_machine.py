@@ -29,7 +29,7 @@ def check_same_machine(logs: Sequence[Log], machine: Machine) -> list[Finding]:
         if other.n_legs != first.n_legs:
             kinds = f"log {first.name} is of a {first.kind}, log {other.name} of a {other.kind}"
             return [refusal(channel="position", description=f"{kinds}: give logs of one machine")]
-        supply = [median_supply(log) for log in (first, other)]
+        supply = [None if log.supply is None else float(np.median(log.supply)) for log in (first, other)]
         carried = [(log, carried_force(log, machine)) for log in (first, other)]
         force = [None if own is None else own - log.loaded * extra * gravity for log, own in carried]
         for channel, (a, b), scale, what, factor, unit in (
@@ -48,11 +48,6 @@ def check_same_machine(logs: Sequence[Log], machine: Machine) -> list[Finding]:
             description = f"log {first.name} has {first.rate:g} Hz, log {other.name} {other.rate:g} Hz"
             found.append(notice(channel="time_s", description=description, value=other.rate, unit="Hz"))
     return found
-
-
-def median_supply(log: Log) -> float | None:
-    """Supply pressure [Pa] of most of the run."""
-    return None if log.supply is None else float(np.median(log.supply))
 
 
 def carried_force(log: Log, machine: Machine) -> float | None:

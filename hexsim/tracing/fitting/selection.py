@@ -77,11 +77,6 @@ def bending(lines: list[Screened], listed: list[Screened]) -> list[Screened]:
     return [replace(line, size=rules.START) for line in others]
 
 
-def may_reach(line: Screened, fit: Fit, left: float) -> bool:
-    """May a candidate leave no more than `left` a sample? Air in a leg whose balances hold does not mend another's."""
-    return fit.chi2 - line.reach <= left * fit.n
-
-
 def cut(fit: Fit, whole: FitProblem, part: FitProblem) -> Fit:
     """The fit as seen by the head of the logs: its misfit and columns, cut."""
     lengths = [log.n - whole.settle(i) for i, log in enumerate(part.logs)]
@@ -133,7 +128,9 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
     quick = tried_with(listed)
     if not fit.candidates:
         left = min((rival.chi2 / rival.n for rival in quick), default=np.inf)
-        quick += tried_with([line for line in bending(lines, listed) if may_reach(line, fit, rules.NEAR * left)])
+        # air in a leg whose balances hold does not mend another's
+        reaching = (line for line in bending(lines, listed) if fit.chi2 - line.reach <= rules.NEAR * left * fit.n)
+        quick += tried_with(list(reaching))
     quick.sort(key=lambda rival: rival.chi2)
     near = [rival for rival in quick[: rules.FEW] if rival.chi2 <= rules.NEAR * quick[0].chi2]
     worth = may_leave(quick[0].chi2 + rules.TELLABLE * max(short.chi2 - quick[0].chi2, 0.0))  # else it is none
@@ -211,17 +208,12 @@ def inert(fit: Fit, problem: FitProblem, least: float = 1.0) -> bool:
     return evaluate(replace(fit, values=unbound), problem).chi2 - fit.chi2 < least * scale_of(fit)
 
 
-def noise_reached(fit: Fit) -> bool:
-    """Is nothing but noise left?"""
-    return residual_at_noise_level(fit.misfit)
-
-
 def search(
     base: Fit,
     candidates: list[Candidate],
     problem: FitProblem,
     tick: Tick = lambda step: None,
-    done: Callable[[Fit], bool] = noise_reached,
+    done: Callable[[Fit], bool] = lambda fit: residual_at_noise_level(fit.misfit),
     least_gain: float = rules.SLIGHT,
     most: int = rules.MOST_EFFECTS,
     begun: Search | None = None,

@@ -83,7 +83,9 @@ def point_of(
 ) -> Point:
     """The run with its late channels moved, what is to be said of it, and of each channel in `late`."""
     said = sentences.setdefault(log.name, list(log.losses))
-    bare = Point(log=log, window=Window(log.rate, asked.runs.window_s), short=short_window(log, asked))
+    runs = asked.runs
+    short = Window(log.rate, runs.short_window_s or runs.window_s)
+    bare = Point(log=log, window=Window(log.rate, runs.window_s), short=short)
     shifts = {}
     for channel, align in asked.align.items():
         if channel not in log.columns:
@@ -99,10 +101,6 @@ def point_of(
         shifts[channel] = found.delay_s
         late.setdefault(log.name, {})[channel] = found.sentence
     return Point(log=bare.log, window=bare.window, short=bare.short, shifts_s=shifts)
-
-
-def short_window(log: Log, asked: Declaration) -> Window:
-    return Window(log.rate, asked.runs.short_window_s or asked.runs.window_s)
 
 
 def in_parts(points: Sequence[Point], sentences: dict[str, list[str]]) -> tuple[Point, ...]:

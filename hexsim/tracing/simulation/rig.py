@@ -90,10 +90,10 @@ def rig_of(
     rate_Hz: of the samples.
     """
     resolved, controller = resolve(machine), machine.controller
-    load = load_of(resolved, loaded)
+    load, legs = load_of(resolved, loaded), resolved.mechanics
     rig = Rig(
         legs=resolved.rows,
-        geometry=geometry_of(resolved),
+        geometry=np.column_stack([legs.base_joints, legs.platform_joints, legs.retracted_length_m]),
         supply=resolved.supply,
         load=load,
         sensors=sensors_of(resolved, rate_Hz),
@@ -113,12 +113,6 @@ def leg_compliance(resolved: Resolved, load: Load) -> Array:
     """Acceleration of each leg for a force on each, at mid stroke (n_legs, n_legs) [1/kg]: J M^-1 J'."""
     jacobian = resolved.mechanics.jacobian(np.zeros(6))
     return jacobian @ load.compliance @ jacobian.T
-
-
-def geometry_of(resolved: Resolved) -> Array:
-    """(n_legs, 7), see `Rig`."""
-    kinematics = resolved.mechanics
-    return np.column_stack([kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m])
 
 
 def load_of(resolved: Resolved, loaded: bool = False) -> Load:

@@ -30,7 +30,9 @@ def simulate_log(
     the bottom in which it begins.
     """
     out = attempted(lambda: simulated_or_refused(machine, log, feedback, noise, off_Pa))
-    return unknown_outputs(log) if out is None else out
+    if out is not None:
+        return out
+    return outputs(np.full((4 * log.n_legs + 1 + (1 if log.n_legs == 1 else 6), log.n), np.nan), log.n_legs)
 
 
 def simulated_or_refused(
@@ -45,11 +47,6 @@ def simulated_or_refused(
     start = shot(rig, inputs, start_state(rig, resolved, log), log, noise)
     start[motion.LEGS + motion.LEG_P1 : motion.LEGS + log.n_legs * motion.LEG_STATES : motion.LEG_STATES] += off_Pa
     return outputs(answer_of(log, rig, inputs, start), log.n_legs)
-
-
-def unknown_outputs(log: Log) -> dict[str, Array]:
-    """NaN in the shape of the outputs."""
-    return outputs(np.full((4 * log.n_legs + 1 + (1 if log.n_legs == 1 else 6), log.n), np.nan), log.n_legs)
 
 
 def answer_of(log: Log, rig: Rig, inputs: loop.Inputs, start: Array) -> Array:

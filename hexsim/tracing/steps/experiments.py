@@ -65,16 +65,13 @@ def _separation(first: Machine, second: Machine, noise: dict[str, float], tables
     return float(np.sum((misfit[0] - misfit[1]) ** 2)) if finite else 0.0
 
 
-def heavier_load(machine: Machine) -> dict[str, float]:
-    """What a person may change where no motion separates: an incline grows with the mass, a constant force does not."""
-    return {f"load.{machine.load.mass_key}": rules.HEAVIER * machine.load.carried_mass_kg}
-
-
 def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[str, float]) -> Experiment | None:
-    """The best of the motions, with the load as it is, or heavier where that is needed; None where there is no motion."""
+    """The best of the motions, with the load as it is, or heavier where that is needed: an incline grows with the mass, a
+    constant force does not. None where there is no motion."""
+    carried = first.machine.load
     a, b, plain = first.fitted_machine(), second.fitted_machine(), motions(first.machine)
     best: tuple[float, dict[str, Any]] = (-1.0, {})
-    for change in ({}, {"machine": heavier_load(first.machine)}):
+    for change in ({}, {"machine": {f"load.{carried.mass_key}": rules.HEAVIER * carried.carried_mass_kg}}):
         if best[0] < 4 * rules.SIGNIFICANT:
             tried = [(separation(a, b, noise, tables | change), tables | change) for tables in plain]
             best = max([best, *tried], key=lambda item: item[0])
