@@ -20,7 +20,7 @@ from hexsim.own.folder import OwnFolder
 from hexsim.own.problem import OwnProblem, fit_own, problem_of
 from hexsim.own.simulate import record_of
 from hexsim.recording import palette
-from hexsim.recording.figure_style import legend, new_figure, png, styled
+from hexsim.recording.figure_style import MOST_POINTS, legend, new_figure, png, styled
 from hexsim.recording.page import Column, Report, Section, table
 from hexsim.recording.quantity import quantity
 from hexsim.recording.zoom import Curve, Panel, zoomable
@@ -122,7 +122,7 @@ def figure_of(run: str, output: str, unit: str, table: pl.DataFrame) -> Markup:
         Panel(f"{output} of {run} [{unit or '1'}]", time, upper),
         Panel(f"difference [{unit or '1'}]", time, lower),
     ]
-    return zoomable(panels, png(residual(run, output, unit, table)), CAPTION, SEEN)
+    return zoomable(panels, png(still(panels, f"{output} of {run}")), CAPTION, SEEN)
 
 
 def sections(report: Mapping[str, Any], pictures: Sequence[Markup]) -> list[Section]:
@@ -167,23 +167,18 @@ SEEN = "Measured, and simulated from the inputs and the first samples alone."
 
 
 @styled
-def residual(
-    run: str,
-    output: str,
-    unit: str,
-    table: pl.DataFrame,
-    *,
-    most_points: int = 4000,  # of a curve: more than a page has pixels
-) -> Figure:
-    """Measured and simulated output of a run, and what is left."""
-    time, measured, free = (table[name].to_numpy() for name in ("time_s", output, f"simulated_{output}"))
-    thin = slice(None, None, max(len(time) // most_points, 1))
-    figure, (upper, lower) = new_figure(2, f"{output} of {run}", height=4.4)
-    upper.plot(time[thin], measured[thin], color="0.4", label="measured")
-    upper.plot(time[thin], free[thin], color="#1f5fa8", label="simulated")
-    lower.plot(time[thin], (free - measured)[thin], color="#b3261e", label="simulated less measured")
-    for plot in (upper, lower):
-        plot.set_ylabel(f"[{unit or '1'}]")
+def still(panels: Sequence[Panel], title: str, view: tuple[float, float] = (-np.inf, np.inf)) -> Figure:
+    """Panels as a picture, of the part that is seen first [s]; their titles end with the unit."""
+    figure, plots = new_figure(len(panels), title, height=4.4)
+    for plot, panel in zip(plots, panels, strict=True):
+        rows = np.flatnonzero((panel.time_s >= view[0]) & (panel.time_s < view[1]))
+        rows = rows[:: max(len(rows) // MOST_POINTS, 1)]
+        for curve in panel.curves:
+            plot.plot(panel.time_s[rows], np.asarray(curve.values)[rows], color=curve.color, label=curve.label)
+        for start, stop in panel.spans:
+            if start < view[1]:
+                plot.axvspan(start, min(stop, view[1]), color="#f0b429", alpha=0.25, lw=0)
+        plot.set_ylabel(panel.title[panel.title.rindex("[") :])
         legend(plot)
-    lower.set_xlabel("time [s]")
+    plots[-1].set_xlabel("time [s]")
     return figure

@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from hexsim.own.run import still
 from hexsim.recording import palette
 from hexsim.recording.figure_style import MOST_POINTS, PAPER, legend, new_figure, png, styled
 from hexsim.recording.page import (
@@ -160,16 +161,9 @@ def budget(trace: OwnTrace) -> Figure:
     return figure
 
 
-def shown_run(trace: OwnTrace) -> tuple[str, float]:
-    """The run that is drawn over time, with events if one has some, and the time from which [s]."""
-    name = next((run for run, found in trace.events.items() if found), next(iter(trace.rests)))
-    found = trace.events[name]
-    return name, max(found[0].start_s - 2.0, 0.0) if found else 0.0
-
-
 def time_figure(trace: OwnTrace) -> Markup:
-    """Target and residuals over a whole run, to be looked at closely, with their picture."""
-    name, first = shown_run(trace)
+    """Target and residuals over a whole run, with events if one has some, to be looked at closely, with their picture."""
+    name = next((run for run, found in trace.events.items() if found), next(iter(trace.rests)))
     time, target, before, after = trace.rests[name]
     title, unit = f"{trace.balance.name} balance on {name}", trace.balance.unit
     upper = [Curve("target", target, palette.REFERENCE, 2.0), Curve("terms", target - after, palette.RESPONSE)]
@@ -179,30 +173,9 @@ def time_figure(trace: OwnTrace) -> Markup:
     ]
     spans = [(event.start_s, event.stop_s) for event in trace.events[name]]
     panels = [Panel(f"{title} [{unit}]", time, upper), Panel(f"residual [{unit}]", time, lower, spans=spans)]
-    return zoomable(panels, png(rest_in_time(trace)), TIME, SEEN, (first, first + SHOWN_S))
-
-
-@styled
-def rest_in_time(trace: OwnTrace) -> Figure:
-    """Target and rest of one run: the one with events, else the first."""
-    name, first = shown_run(trace)
-    time, target, before, after = trace.rests[name]
-    found = trace.events[name]
-    rows = (time >= first) & (time < first + SHOWN_S)
-    thin = slice(None, None, max(int(rows.sum()) // MOST_POINTS, 1))
-    figure, (upper, lower) = new_figure(2, f"{trace.balance.name} balance on {name}", height=5.0)
-    upper.plot(time[rows][thin], target[rows][thin], color="0.4", label="target")
-    upper.plot(time[rows][thin], (target - after)[rows][thin], color="#1f5fa8", label="terms")
-    lower.plot(time[rows][thin], before[rows][thin], color="0.65", label="residual, refitted")
-    lower.plot(time[rows][thin], after[rows][thin], color="#1f5fa8", label="residual, with the terms")
-    for event in found:
-        if event.start_s < first + SHOWN_S:
-            lower.axvspan(event.start_s, min(event.stop_s, first + SHOWN_S), color="#f0b429", alpha=0.25, lw=0)
-    for plot in (upper, lower):
-        plot.set_ylabel(f"[{trace.balance.unit}]")
-        legend(plot)
-    lower.set_xlabel("time [s]")
-    return figure
+    first = max(spans[0][0] - 2.0, 0.0) if spans else 0.0
+    view = (first, first + SHOWN_S)
+    return zoomable(panels, png(still(panels, title, view)), TIME, SEEN, view)
 
 
 @styled
