@@ -131,6 +131,8 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
         # air in a leg whose balances hold does not mend another's
         reaching = (line for line in bending(lines, listed) if fit.chi2 - line.reach <= rules.NEAR * left * fit.n)
         quick += tried_with(list(reaching))
+    if not quick:
+        return Stage(lines=lines, rivals=[])
     quick.sort(key=lambda rival: rival.chi2)
     near = [rival for rival in quick[: rules.FEW] if rival.chi2 <= rules.NEAR * quick[0].chi2]
     worth = may_leave(quick[0].chi2 + rules.TELLABLE * max(short.chi2 - quick[0].chi2, 0.0))  # else it is none

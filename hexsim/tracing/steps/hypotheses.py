@@ -123,7 +123,7 @@ def reweighted(fit: Fit, before: SimulatedProblem, after: SimulatedProblem) -> l
     """A fit's columns in units of what another problem leaves unknown of the same logs."""
     if fit.columns is None:
         return None
-    shares = ((before.sigma(i) / after.sigma(i)) for i in range(len(before.logs)))
+    shares = (before.sigma(i) / after.sigma(i) for i in range(len(before.logs)))
     return [own * share[:, -own.shape[2] :] for own, share in zip(fit.columns, shares, strict=True)]
 
 

@@ -104,9 +104,10 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedP
     head = problem.head(rules.OPENING_S)
     seen = with_columns(fit, problem, head)
     near = stand_ins(seen, k, possible, head)
+    bare = bare_at(seen, k, head) if near else seen
 
     def refitted(entry: tuple[Candidate, float]) -> Fit | None:
-        opening = try_candidate(bare_at(seen, k, head), *entry, head, rules.FEW_STEPS)
+        opening = try_candidate(bare, *entry, head, rules.FEW_STEPS)
         return None if opening is None else simulated_fit(opening, problem, fit)
 
     tied = {}
