@@ -81,6 +81,16 @@ def test_joints_out_of_reach_are_an_infinite_misfit(hexapod, kind):
     assert selection.try_candidate(base, wild, 1.0, problem, 1) is None
 
 
+def test_a_round_in_which_nothing_simulates_has_no_rival(hexapod, monkeypatch):
+    """A column that promises enough, and no size of its effect that simulates: the round ends without a rival."""
+    machine, own, simulated, _ = hexapod
+    base = fit.start_fit(machine, own[:2], simulated)
+    monkeypatch.setattr(selection, "shortlist", lambda lines, *limits: lines)
+    monkeypatch.setattr(selection, "try_candidate", lambda *given: None)
+    stage = selection.advance(base, [named("base_joint_offset", "leg 3")], simulated, lambda step: None, 0.0)
+    assert len(stage.lines) == 1 and stage.rivals == []
+
+
 def test_a_number_that_no_machine_may_have_is_an_infinite_misfit(hexapod):
     """A declared parameter whose uncertainty reaches below zero: its column is zero, the refit ends and the machine stands."""
     machine, _, simulated, _ = hexapod
