@@ -14,7 +14,7 @@ from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, selection
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.hypotheses import may_come_near
+from hexsim.tracing.steps.hypotheses import may_come_near, simulated_fit
 
 DATA = Path(__file__).parents[1] / "data" / "bench_leakage"
 
@@ -75,15 +75,35 @@ def test_a_fit_that_reaches_the_noise_is_the_same_with_the_rule(opening):
     assert ended.values[0][key] == pytest.approx(whole.values[0][key], abs=0.5 * whole.standard_errors()[0][key])
 
 
-def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):
-    """A spring in its place: the whole fit stays far above the noise, and the rule ends it with less than half the simulations."""
+def counted(monkeypatch) -> list[int]:
+    """How many residuals are simulated from here on, as the one number of a list."""
     counts, simulated = [0], SimulatedProblem.residual
 
-    def counted(problem, machine, i):
+    def residual(problem, machine, i):
         counts[0] += 1
         return simulated(problem, machine, i)
 
-    monkeypatch.setattr(SimulatedProblem, "residual", counted)
+    monkeypatch.setattr(SimulatedProblem, "residual", residual)
+    return counts
+
+
+def test_known_columns_tell_that_a_hypothesis_is_hopeless(opening, monkeypatch):
+    """A spring in the place of the leak, with the declared machine's columns at hand: none of its declared parameters is
+    simulated again before it is refused. Without them all are."""
+    begun = hypothesis("spring", opening)
+    declared = least_squares.start_fit(begun.machine, begun.priors, opening)
+    counts, known = counted(monkeypatch), least_squares.parameter_columns(declared, opening)
+    made = []
+    for near in (known, declared):
+        counts[0] = 0
+        assert simulated_fit(begun, opening, near) is None
+        made.append(counts[0])
+    assert made[0] <= 2 and made[1] > len(begun.priors)
+
+
+def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):
+    """A spring in its place: the whole fit stays far above the noise, and the rule ends it with less than half the simulations."""
+    counts = counted(monkeypatch)
     begun = hypothesis("spring", opening)
     made = []
     for rule in (None, worth):
