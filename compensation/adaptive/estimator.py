@@ -27,6 +27,7 @@ from .fit import (
     begin_window,
     behind_backlash,
     cholesky,
+    colour_of,
     eliminate,
     forward,
     read_tick,
@@ -69,6 +70,8 @@ MOST_STEP = 1.0  # of a number at once, in its prior's standard deviations: fart
 LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
 STAGE_GAIN = 1.0  # the same before the last stage: one standard deviation of one number, in a noise that is too large
 FEWEST = 5  # windows with which it begins, two with a reversal among them
+# of a stage's first step, over the diagonal: numbers that trade need nearly none, and before they are settled their doubt is no doubt
+DAMPING, FIRST_DAMPING = 1e-4, 1e-3
 ROUNDS = 6  # of a step, in which numbers meet their bounds
 # misfit from which the leg is not one that the model knows: what it lacks is as much as the noise. Below, doubt grows with it; of all
 # windows but one, also that from which other minima are tried. With 4, legs of too slow a spool engaged with 15 times the bump
@@ -81,7 +84,8 @@ NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside t
 BRISTLE, ALL_SPOOL, FAST_SPOOL, WIDE = range(4)
 TRIES, ELSEWHERE, SHORTEST_LAG_s = WIDE + 1, 1.5, 1e-4  # a lag far below a tick
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
-WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
+# window ticks a tick: while no volts are in, while the doubt costs more than the inverse leaves, and when it does not
+SEARCH_WORK, WORK, CALM_WORK = 42, 14, 8
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
@@ -89,6 +93,7 @@ LATE = WINDOW + BACK + HALF_SPAN + LEAD
 # [m, Pa] of the model's steps and of straight volts within them: what is left where nothing else is
 STEP_ERROR = (1e-6, 2e3)
 FORGET_TICKS = 2000.0
+JITTER_s = 1e-4  # of a clock, before it is measured: half of what a tick of a plain operating system has
 # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
 FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
 TURNING_ERROR = 0.58  # of one that may stand: evenly likely between friction down and up, 1/sqrt(3)
@@ -103,11 +108,23 @@ def is_known_leg(chi2):
 
 
 @compiled
-def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
+def _watch_noise(past, a, b, c, d, e, tick_s):
+    """One more reading, a to e the last five: the position's noise where it stands, and the clock's jitter by that where it moves."""
+    moved = past.jitter_s * (a - e) / (4.0 * tick_s)
+    total = sqrt(past.noise_m * past.noise_m + moved * moved)
+    grows = next_noise(total, a, b, c, d, e) / total - 1.0
+    share = moved * moved / (total * total)
+    past.noise_m *= 1.0 + (1.0 - share) * grows
+    past.jitter_s *= 1.0 + share * grows
+
+
+@compiled
+def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before, tick_s):
     """One tick into the history. volts_before: what was sent at the tick before."""
     k = past.ticks & (HISTORY - 1)
     if past.ticks == 0:
         past.supply_mean_Pa = supply_Pa
+        past.jitter_s = JITTER_s
         for j in range(HISTORY):
             past.volts[j] = volts_before
     past.supply_mean_Pa += 0.1 * (supply_Pa - past.supply_mean_Pa)
@@ -118,7 +135,7 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
     if past.ticks > 8:
         m, y, p = HISTORY - 1, past.position_m, past.bottom_Pa
         i, j, n, o = (k - 1) & m, (k - 2) & m, (k - 3) & m, (k - 4) & m
-        past.noise_m = next_noise(past.noise_m, y[k], y[i], y[j], y[n], y[o])
+        _watch_noise(past, y[k], y[i], y[j], y[n], y[o], tick_s)
         past.noise_Pa = next_noise(past.noise_Pa, p[k], p[i], p[j], p[n], p[o])
 
 
@@ -421,9 +438,13 @@ def _start_pass(s, numbers, fresh):
         fit.has_best = 0
         fit.noise[0] = max(s.past.noise_m, STEP_ERROR[0])  # as it was for all passes that are compared
         fit.noise[1] = max(s.past.noise_Pa, STEP_ERROR[1])
+        fit.jitter_s = s.past.jitter_s
+        for i in range(2):
+            fit.colour[i], fit.new[i] = colour_of(fit.rough_before[i])
         for w in range(fit.count):
             fit.trial.start[w] = s.windows[w].start
     fit.trial.numbers[:] = numbers
+    fit.rough[:, :] = 0.0
     fit.trial.H[:, :] = 0.0
     fit.trial.g[:] = 0.0
     fit.trial.cost = 0.0
@@ -442,6 +463,14 @@ def _drift(numbers, time_s):
     """Numbers (N_NUMBERS,) whose edges are those of the first tick become those of time_s later."""
     numbers[DEAD_UP] += numbers[DRIFT] * time_s
     numbers[DEAD_DN] -= numbers[DRIFT] * time_s
+
+
+@compiled
+def _noise_m(s, window, k):
+    """Of the position read at tick k of a window: a clock that jitters reads a moving piston elsewhere."""
+    first, last = max(k - HALF_SPAN, 0), min(k + HALF_SPAN, WINDOW - 1)
+    speed = (window.position_m[last] - window.position_m[first]) / ((last - first) * s.settings.tick_s)
+    return sqrt(s.fit.noise[0] ** 2 + (s.fit.jitter_s * speed) ** 2)
 
 
 @compiled
@@ -469,9 +498,8 @@ def _work_tick(s):
         fit.x[Z] / trial.numbers[GIVE] + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
     )
     read_tick(
-        fit.x, fit.S, k, age_s, fit.late, fit.late_S, fit.of_window, s.sheet, fit.scale, fit.starts, window.position_m[k],
-        window.bottom_Pa[k], window.top_Pa[k], fit.noise[0] * heat, fit.noise[1] * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b,
-        trial.chi[n],
+        fit, k, age_s, s.sheet, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k], _noise_m(s, window, k) * heat,
+        fit.noise[1] * heat, trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
@@ -776,6 +804,7 @@ def _end_pass(s):
         if not fresh:
             done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
         fit.best = trial
+        fit.rough_before[:, :] = fit.rough
         fit.has_best = 1
         fit.damping = 0.2 * fit.damping
         for n in range(fit.count):
@@ -798,7 +827,7 @@ def _end_pass(s):
 def _end_stage(s):
     """The next stage, or what the last one has found."""
     fit = s.fit
-    fit.step, fit.damping = 0, 1e-2
+    fit.step, fit.damping = 0, DAMPING
     if fit.stage < LAST_STAGE:
         fit.stage += 1
     else:
@@ -818,7 +847,7 @@ def is_calm(s):
 def work(s):
     """The fit's share of a tick."""
     fit = s.fit
-    for _ in range(CALM_WORK if is_calm(s) else WORK):
+    for _ in range(SEARCH_WORK if s.share == 0.0 else CALM_WORK if is_calm(s) else WORK):
         if not fit.running:
             begins = fit.settled or fit.step == 0
             folds = begins and (_begin_fold(s) or _begin_look(s))
@@ -832,7 +861,7 @@ def work(s):
             elif fit.passes == 0:
                 if not fit.restored:
                     fill_prior(fit, s.settings, s.past.force_N)
-                fit.damping = 1e-2
+                fit.damping = FIRST_DAMPING
                 _start_pass(s, fit.mean, True)
             elif fit.settled:
                 return

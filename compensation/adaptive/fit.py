@@ -47,6 +47,8 @@ N_START = N_STATE + KNOTS  # a window's own: its start state, and on a platform 
 N_COLUMNS = N_NUMBERS + N_START
 MOST_RESIDUAL = 1e3  # standard deviations
 SLOPE_TICKS = 12  # of the volts, by which the side of the backlash is told at first
+LAST = 8  # ticks back to which fourth differences of two ticks reach
+MOST_COLOUR = 0.9  # correlation from tick to tick: beyond, noise cannot be told from motion
 LATE = 8  # ticks by which a position may be read late
 WARM = 24  # ticks that amplifier and spool move before a window begins: four lags of a spool of 25 Hz
 
@@ -127,39 +129,96 @@ def add_row(row, r, scale, starts, A, B, C, a, b):
 
 
 @compiled
-def read_tick(x, S, k, age_s, late, late_S, th, sheet, scale, starts, y, p1, p2, sy, sp, row, A, B, C, a, b, chi):
-    """Residuals of the transducers at tick k into the normal equations; chi (2,): squared residuals of position and pressures. age_s:
-    for which the valve's null has drifted, in th already.
+def _roughness(residuals, lag):
+    """Square of the last fourth difference of every lag-th residual; residuals (LAST + 1,), the newest last."""
+    a, b, c = residuals[LAST], residuals[LAST - lag], residuals[LAST - 2 * lag]
+    return (a - 4.0 * b + 6.0 * c - 4.0 * residuals[LAST - 3 * lag] + residuals[LAST - 4 * lag]) ** 2
 
-    The position is read late: late (LATE, 2) and late_S (LATE, 2, N_COLUMNS) hold y, v and their derivatives of the last ticks, the
+
+@compiled
+def _whiten(fit, channel, k, r):
+    """What a residual at tick k of a window, and the derivatives in fit.row, have beyond what the tick before says of them, in units of
+    what is new in the noise: a transducer's filter colours it. Returns the residual. channel: position, then pressures."""
+    kind, before, residuals = min(channel, 1), fit.rows[channel], fit.residuals[channel]
+    for j in range(LAST):
+        residuals[j] = residuals[j + 1]
+    residuals[LAST] = r
+    if k >= LAST and not fit.folding:
+        fit.rough[kind, 0] += _roughness(residuals, 1)
+        fit.rough[kind, 1] += _roughness(residuals, 2)
+    colour, new = fit.colour[kind], fit.new[kind]
+    if colour == 0.0:
+        return r
+    old, share = (colour, 1.0) if k > 0 else (0.0, sqrt(1.0 - colour * colour))
+    for j in range(N_NUMBERS + fit.starts):
+        here = fit.row[j]
+        fit.row[j] = (share * here - old * before[j]) / new
+        before[j] = here
+    return (share * r - old * residuals[LAST - 1]) / new
+
+
+@compiled
+def _fourth_difference(colour):
+    """Variance of fourth differences of a noise of variance 1 and this correlation from reading to reading."""
+    c = colour
+    return 70.0 + c * (-112.0 + c * (56.0 + c * (-16.0 + 2.0 * c)))
+
+
+@compiled
+def colour_of(rough):
+    """Correlation of a noise from tick to tick, by its fourth differences of one tick and of two, squared, rough (2,); and the standard
+    deviation of what is new each tick, over that of a white noise with the same fourth differences."""
+    low, high = 0.0, MOST_COLOUR
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        if _fourth_difference(middle * middle) * rough[0] < rough[1] * _fourth_difference(middle):
+            low = middle
+        else:
+            high = middle
+    return low, sqrt(70.0 * (1.0 - low * low) / _fourth_difference(low))
+
+
+@compiled
+def _read(fit, channel, k, age_s, r, chi):
+    """A residual, its derivatives in fit.row, into the normal equations. age_s: for which the valve's null has drifted."""
+    row = fit.row
+    row[DRIFT] = age_s * (row[DEAD_UP] - row[DEAD_DN])
+    r = _whiten(fit, channel, k, min(max(r, -MOST_RESIDUAL), MOST_RESIDUAL))
+    chi[min(channel, 1)] += r * r
+    add_row(row, r, fit.scale, fit.starts, fit.A, fit.B, fit.C, fit.a, fit.b)
+
+
+@compiled
+def read_tick(fit, k, age_s, sheet, y, p1, p2, sy, sp, chi):
+    """Residuals of the transducers at tick k into the normal equations; chi (2,): squared residuals of position and pressures. age_s:
+    for which the valve's null has drifted, in fit.of_window already.
+
+    The position is read late: fit.late (LATE, 2) and late_S (LATE, 2, N_COLUMNS) hold y, v and their derivatives of the last ticks, the
     rest of a tick is straight. Before the window the motion goes on straight."""
+    x, S, late, late_S, th, row, columns = (
+        fit.x,
+        fit.S,
+        fit.late,
+        fit.late_S,
+        fit.of_window,
+        fit.row,
+        N_NUMBERS + fit.starts,
+    )
     place, back = k % LATE, min(int(th[POSITION_LAG] / sheet[S_TICK] + 0.5), k, LATE - 1)
     late[place, 0], late[place, 1] = x[Y], x[V]
-    for j in range(N_NUMBERS + starts):
+    for j in range(columns):
         late_S[place, 0, j], late_S[place, 1, j] = S[Y, j], S[V, j]
     place, rest = (k - back) % LATE, th[POSITION_LAG] - back * sheet[S_TICK]
     speed = late[place, 1]
-    r = (y - (late[place, 0] - rest * speed)) / sy
-    r = min(max(r, -MOST_RESIDUAL), MOST_RESIDUAL)
-    for j in range(N_NUMBERS + starts):
+    for j in range(columns):
         row[j] = (late_S[place, 0, j] - rest * late_S[place, 1, j]) / sy
     row[POSITION_LAG] -= speed / sy
-    row[DRIFT] = age_s * (row[DEAD_UP] - row[DEAD_DN])
-    chi[0] += r * r
-    add_row(row, r, scale, starts, A, B, C, a, b)
-    r = min(max((p1 - x[M1]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
-    for j in range(N_NUMBERS + starts):
-        row[j] = S[M1, j] / sp
-    row[DRIFT] = age_s * (row[DEAD_UP] - row[DEAD_DN])
-    chi[1] += r * r
-    add_row(row, r, scale, starts, A, B, C, a, b)
-    if sheet[S_FOUR_WAY] != 0.0:
-        r = min(max((p2 - x[M2]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
-        for j in range(N_NUMBERS + starts):
-            row[j] = S[M2, j] / sp
-        row[DRIFT] = age_s * (row[DEAD_UP] - row[DEAD_DN])
-        chi[1] += r * r
-        add_row(row, r, scale, starts, A, B, C, a, b)
+    _read(fit, 0, k, age_s, (y - (late[place, 0] - rest * speed)) / sy, chi)
+    for channel in range(1, 3 if sheet[S_FOUR_WAY] != 0.0 else 2):
+        m, pressure = (M1, p1) if channel == 1 else (M2, p2)
+        for j in range(columns):
+            row[j] = S[m, j] / sp
+        _read(fit, channel, k, age_s, (pressure - x[m]) / sp, chi)
 
 
 @compiled

@@ -7,7 +7,7 @@ from ..damping_design import MAX_DAMPING_TAPS, WORK
 from ..loop_feedback import LOOP
 from ..prediction import PREDICTION
 from ..records import record
-from .fit import KNOTS, LATE, LEAD, N_COLUMNS, N_START, WINDOW
+from .fit import KNOTS, LAST, LATE, LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_SPACE, N_STATES
 
@@ -30,7 +30,8 @@ SETTINGS = record(
 PAST = record(
     position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), pose_m_s2=(f, (HISTORY,)),
     forces_N=(f, (HISTORY, MOST_LEGS)), speeds_m_s=(f, (HISTORY, MOST_LEGS)), mobility=(f, (HISTORY, MOST_LEGS)),
-    volts=(f, (HISTORY,)), ticks=i, begin=i, odd=i, fastest_m_s=f, supply_mean_Pa=f, noise_m=f, noise_Pa=f, force_N=f, force_ticks=f,
+    volts=(f, (HISTORY,)), ticks=i, begin=i, odd=i, fastest_m_s=f, supply_mean_Pa=f, force_N=f, force_ticks=f,
+    noise_m=f, jitter_s=f, noise_Pa=f,  # of readings; of the clock, by the noise in motion
 )  # fmt: skip
 WINDOW_DATA = record(
     position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
@@ -53,7 +54,8 @@ FIT = record(
     mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
     mass_over_hold=f, told=(f, (N_NUMBERS,)), told_weight=(f, (N_NUMBERS,)), starts=i,
     best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
-    at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i, gain=f, noise=(f, (2,)),
+    at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i, gain=f, noise=(f, (2,)), jitter_s=f,
+    colour=(f, (2,)), new=(f, (2,)), rough=(f, (2, 2)), rough_before=(f, (2, 2)), rows=(f, (3, N_COLUMNS)), residuals=(f, (3, LAST + 1)),
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     late=(f, (LATE, 2)), late_S=(f, (LATE, 2, N_COLUMNS)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),

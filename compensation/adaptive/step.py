@@ -432,7 +432,7 @@ def tick_of(
     if s.sheet[S_FOUR_WAY] == 0.0:
         top_Pa = supply_Pa
     plan_motion(s, loads, plan_setpoints(s, table, preview))
-    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V)
+    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V, settings.tick_s)
     if s.platform:
         watch_legs(s.past, pose_m_s2, mobility, forces_N, speeds_m_s)
     if settings.learn != 0.0:

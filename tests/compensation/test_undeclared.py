@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from leg_plant import Leg, run
+from leg_plant import Leg, Spoil, run
 from scipy.signal import butter, sosfiltfilt
 
 import compensation
+from compensation import Sample
 
 # Of plain control's bump of some 0.5 m/s2. With a delay single periods keep 0.15 m/s2 for as long as it runs.
 LATE, OTHERS = 1 / 3, 1 / 5
@@ -49,6 +50,41 @@ def test_volts_come_in_where_they_are_not_felt() -> None:
     peaks = run(compensation.create("adaptive"), leg, duration_s=16.0, seed=1).peaks()
     assert peaks.max() <= 1.1 * bump
     assert peaks[-1] <= bump / 3.0
+
+
+def jittering() -> Spoil:
+    """Readings up to 0.3 ms early or late."""
+    draw, last = np.random.default_rng(31), [0.1]
+
+    def spoil(time_s: float, sample: Sample) -> None:
+        late_m = (sample.position_m - last[0]) * draw.uniform(-0.15, 0.15)
+        last[0] = sample.position_m
+        sample.position_m += late_m
+        sample.control_V -= 50.0 * late_m
+
+    return spoil
+
+
+def filtered() -> Spoil:
+    """8 um of noise that a transducer's filter has coloured: 0.6 from tick to tick."""
+    draw, noise_m = np.random.default_rng(32), [0.0]
+
+    def spoil(time_s: float, sample: Sample) -> None:
+        noise_m[0] = 0.6 * noise_m[0] + 0.8 * draw.normal(0.0, 8e-6)
+        sample.position_m += noise_m[0]
+        sample.control_V -= 50.0 * noise_m[0]
+
+    return spoil
+
+
+@pytest.mark.parametrize("noise", [jittering, filtered])
+def test_noise_is_what_it_is(noise) -> None:
+    """Noise that grows with the speed and noise that is not white are no misfit: the volts come in before the sixth second, and a fifth
+    of the bump is left from the twelfth on."""
+    bump = run(compensation.create("none"), duration_s=8.0, spoil=noise()).peak(4.0, 8.0)
+    made = run(compensation.create("adaptive"), duration_s=20.0, spoil=noise())
+    assert np.abs(made.added_V[:3000]).max() > 0.05
+    assert made.peaks()[5:].max() <= bump / 5.0
 
 
 def test_without_preview() -> None:
