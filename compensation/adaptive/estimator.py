@@ -85,7 +85,7 @@ BRISTLE, ALL_SPOOL, FAST_SPOOL, WIDE = range(4)
 TRIES, ELSEWHERE, SHORTEST_LAG_s = WIDE + 1, 1.5, 1e-4  # a lag far below a tick
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
 # window ticks a tick: while no volts are in, while the doubt costs more than the inverse leaves, and when it does not
-SEARCH_WORK, WORK, CALM_WORK = 42, 14, 8
+SEARCH_WORK, WORK, CALM_WORK = 42, 42, 8
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
@@ -439,12 +439,11 @@ def _start_pass(s, numbers, fresh):
         fit.noise[0] = max(s.past.noise_m, STEP_ERROR[0])  # as it was for all passes that are compared
         fit.noise[1] = max(s.past.noise_Pa, STEP_ERROR[1])
         fit.jitter_s = s.past.jitter_s
-        for i in range(2):
-            fit.colour[i], fit.new[i] = colour_of(fit.rough_before[i])
+        fit.colour, fit.new = colour_of(fit.rough_before)
         for w in range(fit.count):
             fit.trial.start[w] = s.windows[w].start
     fit.trial.numbers[:] = numbers
-    fit.rough[:, :] = 0.0
+    fit.rough[:] = 0.0
     fit.trial.H[:, :] = 0.0
     fit.trial.g[:] = 0.0
     fit.trial.cost = 0.0
@@ -804,7 +803,7 @@ def _end_pass(s):
         if not fresh:
             done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
         fit.best = trial
-        fit.rough_before[:, :] = fit.rough
+        fit.rough_before[:] = fit.rough
         fit.has_best = 1
         fit.damping = 0.2 * fit.damping
         for n in range(fit.count):

@@ -136,25 +136,25 @@ def _roughness(residuals, lag):
 
 
 @compiled
-def _whiten(fit, channel, k, r):
-    """What a residual at tick k of a window, and the derivatives in fit.row, have beyond what the tick before says of them, in units of
-    what is new in the noise: a transducer's filter colours it. Returns the residual. channel: position, then pressures."""
-    kind, before, residuals = min(channel, 1), fit.rows[channel], fit.residuals[channel]
+def _whiten(fit, k, r):
+    """What a position's residual at tick k of a window, and the derivatives in fit.row, have beyond what the tick before says of them, in
+    units of what is new in the noise: a transducer's filter colours it. Returns the residual. Of pressures this is not known: what a
+    wrong leg leaves in them is as fast as noise."""
+    before, residuals = fit.row_before, fit.residuals
     for j in range(LAST):
         residuals[j] = residuals[j + 1]
     residuals[LAST] = r
     if k >= LAST and not fit.folding:
-        fit.rough[kind, 0] += _roughness(residuals, 1)
-        fit.rough[kind, 1] += _roughness(residuals, 2)
-    colour, new = fit.colour[kind], fit.new[kind]
-    if colour == 0.0:
+        fit.rough[0] += _roughness(residuals, 1)
+        fit.rough[1] += _roughness(residuals, 2)
+    if fit.colour == 0.0:
         return r
-    old, share = (colour, 1.0) if k > 0 else (0.0, sqrt(1.0 - colour * colour))
+    old, share = (fit.colour, 1.0) if k > 0 else (0.0, sqrt(1.0 - fit.colour * fit.colour))
     for j in range(N_NUMBERS + fit.starts):
         here = fit.row[j]
-        fit.row[j] = (share * here - old * before[j]) / new
+        fit.row[j] = (share * here - old * before[j]) / fit.new
         before[j] = here
-    return (share * r - old * residuals[LAST - 1]) / new
+    return (share * r - old * residuals[LAST - 1]) / fit.new
 
 
 @compiled
@@ -179,13 +179,10 @@ def colour_of(rough):
 
 
 @compiled
-def _read(fit, channel, k, age_s, r, chi):
-    """A residual, its derivatives in fit.row, into the normal equations. age_s: for which the valve's null has drifted."""
-    row = fit.row
-    row[DRIFT] = age_s * (row[DEAD_UP] - row[DEAD_DN])
-    r = _whiten(fit, channel, k, min(max(r, -MOST_RESIDUAL), MOST_RESIDUAL))
-    chi[min(channel, 1)] += r * r
-    add_row(row, r, fit.scale, fit.starts, fit.A, fit.B, fit.C, fit.a, fit.b)
+def _count_row(fit, age_s, r):
+    """A residual and its derivatives in fit.row into the normal equations. age_s: for which the valve's null has drifted."""
+    fit.row[DRIFT] = age_s * (fit.row[DEAD_UP] - fit.row[DEAD_DN])
+    add_row(fit.row, r, fit.scale, fit.starts, fit.A, fit.B, fit.C, fit.a, fit.b)
 
 
 @compiled
@@ -195,15 +192,8 @@ def read_tick(fit, k, age_s, sheet, y, p1, p2, sy, sp, chi):
 
     The position is read late: fit.late (LATE, 2) and late_S (LATE, 2, N_COLUMNS) hold y, v and their derivatives of the last ticks, the
     rest of a tick is straight. Before the window the motion goes on straight."""
-    x, S, late, late_S, th, row, columns = (
-        fit.x,
-        fit.S,
-        fit.late,
-        fit.late_S,
-        fit.of_window,
-        fit.row,
-        N_NUMBERS + fit.starts,
-    )
+    x, S, late, late_S, th = fit.x, fit.S, fit.late, fit.late_S, fit.of_window
+    row, columns = fit.row, N_NUMBERS + fit.starts
     place, back = k % LATE, min(int(th[POSITION_LAG] / sheet[S_TICK] + 0.5), k, LATE - 1)
     late[place, 0], late[place, 1] = x[Y], x[V]
     for j in range(columns):
@@ -213,12 +203,17 @@ def read_tick(fit, k, age_s, sheet, y, p1, p2, sy, sp, chi):
     for j in range(columns):
         row[j] = (late_S[place, 0, j] - rest * late_S[place, 1, j]) / sy
     row[POSITION_LAG] -= speed / sy
-    _read(fit, 0, k, age_s, (y - (late[place, 0] - rest * speed)) / sy, chi)
-    for channel in range(1, 3 if sheet[S_FOUR_WAY] != 0.0 else 2):
-        m, pressure = (M1, p1) if channel == 1 else (M2, p2)
+    r = (y - (late[place, 0] - rest * speed)) / sy
+    r = _whiten(fit, k, min(max(r, -MOST_RESIDUAL), MOST_RESIDUAL))
+    chi[0] += r * r
+    _count_row(fit, age_s, r)
+    for channel in range(2 if sheet[S_FOUR_WAY] != 0.0 else 1):
+        m, pressure = (M1, p1) if channel == 0 else (M2, p2)
         for j in range(columns):
             row[j] = S[m, j] / sp
-        _read(fit, channel, k, age_s, (pressure - x[m]) / sp, chi)
+        r = min(max((pressure - x[m]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
+        chi[1] += r * r
+        _count_row(fit, age_s, r)
 
 
 @compiled

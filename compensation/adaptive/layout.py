@@ -55,7 +55,7 @@ FIT = record(
     mass_over_hold=f, told=(f, (N_NUMBERS,)), told_weight=(f, (N_NUMBERS,)), starts=i,
     best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
     at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i, gain=f, noise=(f, (2,)), jitter_s=f,
-    colour=(f, (2,)), new=(f, (2,)), rough=(f, (2, 2)), rough_before=(f, (2, 2)), rows=(f, (3, N_COLUMNS)), residuals=(f, (3, LAST + 1)),
+    colour=f, new=f, rough=(f, (2,)), rough_before=(f, (2,)), row_before=(f, (N_COLUMNS,)), residuals=(f, (LAST + 1,)),
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     late=(f, (LATE, 2)), late_S=(f, (LATE, 2, N_COLUMNS)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),

@@ -333,16 +333,14 @@ def test_the_four_edges_and_leaks_of_a_four_way_valve_are_its_own() -> None:
 
 
 def test_what_is_known_grows_with_time(compensated) -> None:
-    """Twice the time makes the standard deviations of gain, dead band, spool and viscous friction smaller by about its root:
-    windows that are gone still count. They fade within half a minute, so that it is less."""
+    """Twice the time makes the standard deviations of spool and viscous friction smaller by about its root: windows that are gone still
+    count. They fade within half a minute, so that it is less. Edges are known to 0.2 mV in half of it: there their drift is the limit."""
     made, leg, done, _ = compensated
-    early = run(made, leg, duration_s=10.0).state
-    ratio = _spread(made, done.state) / _spread(made, early)
-    well = [
-        model.NAMES.index(name)
-        for name in ("gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_spool", "viscous_up", "viscous_dn")
-    ]
-    assert 0.5 < np.median(ratio[well]) < 0.9, ratio[well]
+    early, late = _spread(made, run(made, leg, duration_s=10.0).state), _spread(made, done.state)
+    shown = [model.NAMES.index(name) for name in ("ln_spool", "viscous_up", "viscous_dn")]
+    assert 0.5 < np.median(late[shown] / early[shown]) < 0.9
+    for spread in (early, late):
+        assert spread[[model.NAMES.index("dead_up_V"), model.NAMES.index("dead_dn_V")]].max() < 2e-4
 
 
 def _spread(made, state) -> np.ndarray:

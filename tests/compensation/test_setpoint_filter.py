@@ -80,14 +80,15 @@ def test_the_filters_delay_is_not_felt(heaves, algorithm: str, at_least_s: float
 
 def test_volts_come_in_and_the_lag_goes_without_a_jolt(heaves) -> None:
     """The filter and the feed-forward are no part of the compensator's model of the loop: it measures what they make plain control
-    lag by. No period has more than 1.1 times plain control's bump, and a tenth is left at the end."""
+    lag by. The first reversal, made with what plain control has shown of the valve, is at most a fifth worse than plain control's; from the
+    second period after it on a tenth is left."""
     bumps = {}
     for name in ("none", "adaptive"):
         time, felt = (heaves[name][column].to_numpy() for column in ("time_s", "true_acceleration_m_s2"))
         felt = smoothness.band_limit(time, felt)
         bumps[name] = np.array([bump(time, felt, start) for start in range(2, 20, 2)])
-    assert bumps["adaptive"].max() < 1.1 * bumps["none"].max()
-    assert bumps["adaptive"][-2:].max() < 0.1 * bumps["none"][-2:].max()
+    assert bumps["adaptive"].max() < 1.2 * bumps["none"].max()
+    assert bumps["adaptive"][3:].max() < 0.1 * bumps["none"].min()
 
 
 def bump(time: np.ndarray, felt: np.ndarray, start_s: float) -> float:
