@@ -80,8 +80,8 @@ def test_the_filters_delay_is_not_felt(heaves, algorithm: str, at_least_s: float
 
 def test_volts_come_in_and_the_lag_goes_without_a_jolt(heaves) -> None:
     """The filter and the feed-forward are no part of the compensator's model of the loop: it measures what they make plain control
-    lag by. The first reversal, made with what plain control has shown of the valve, is at most a fifth worse than plain control's; from the
-    second period after it on a tenth is left."""
+    lag by. The first reversal, made with what plain control has shown of the valve, is at most a fifth worse than plain control's; from
+    the second period after it on a tenth is left."""
     bumps = {}
     for name in ("none", "adaptive"):
         time, felt = (heaves[name][column].to_numpy() for column in ("time_s", "true_acceleration_m_s2"))
