@@ -84,8 +84,9 @@ NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside t
 BRISTLE, ALL_SPOOL, FAST_SPOOL, WIDE = range(4)
 TRIES, ELSEWHERE, SHORTEST_LAG_s = WIDE + 1, 1.5, 1e-4  # a lag far below a tick
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
-# window ticks a tick: while no volts are in, while the doubt costs more than the inverse leaves, and when it does not
-SEARCH_WORK, WORK, CALM_WORK = 42, 42, 8
+# window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not. With 14, passes came too late: numbers
+# were half found when the volts came in, and the curvature there is no doubt
+WORK, CALM_WORK = 42, 8
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
@@ -846,7 +847,7 @@ def is_calm(s):
 def work(s):
     """The fit's share of a tick."""
     fit = s.fit
-    for _ in range(SEARCH_WORK if s.share == 0.0 else CALM_WORK if is_calm(s) else WORK):
+    for _ in range(CALM_WORK if is_calm(s) else WORK):
         if not fit.running:
             begins = fit.settled or fit.step == 0
             folds = begins and (_begin_fold(s) or _begin_look(s))
