@@ -94,7 +94,7 @@ LATE = WINDOW + BACK + HALF_SPAN + LEAD
 # [m, Pa] of the model's steps and of straight volts within them: what is left where nothing else is
 STEP_ERROR = (1e-6, 2e3)
 FORGET_TICKS = 2000.0  # of the fastest speed of late: two periods of a sine of 0.5 Hz
-JITTER_s = 1e-4  # of a clock, before it is measured: half a tenth of a tick of 2 ms
+JITTER_s = 1e-4  # of a clock, before it is measured: a twentieth of a tick of 2 ms
 # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
 FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
 TURNING_ERROR = 0.58  # of one that may stand: evenly likely between friction down and up, 1/sqrt(3)
