@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
@@ -20,10 +19,10 @@ from hexsim.own.folder import OwnFolder
 from hexsim.own.problem import OwnProblem, fit_own, problem_of
 from hexsim.own.simulate import record_of
 from hexsim.recording import palette
-from hexsim.recording.figure_style import MOST_POINTS, legend, new_figure, png, styled
+from hexsim.recording.figure_style import png
 from hexsim.recording.page import Column, Report, Section, table
 from hexsim.recording.quantity import quantity
-from hexsim.recording.zoom import Curve, Panel, zoomable
+from hexsim.recording.zoom import Curve, Panel, still, zoomable
 from hexsim.signals.log import Log
 
 Array = np.ndarray
@@ -164,21 +163,3 @@ CAPTION = (
     "Above measured and simulated from the inputs and the first samples alone, below simulated less measured."
 )
 SEEN = "Measured, and simulated from the inputs and the first samples alone."
-
-
-@styled
-def still(panels: Sequence[Panel], title: str, view: tuple[float, float] = (-np.inf, np.inf)) -> Figure:
-    """Panels as a picture, of the part that is seen first [s]; their titles end with the unit."""
-    figure, plots = new_figure(len(panels), title, height=4.4)
-    for plot, panel in zip(plots, panels, strict=True):
-        rows = np.flatnonzero((panel.time_s >= view[0]) & (panel.time_s < view[1]))
-        rows = rows[:: max(len(rows) // MOST_POINTS, 1)]
-        for curve in panel.curves:
-            plot.plot(panel.time_s[rows], np.asarray(curve.values)[rows], color=curve.color, label=curve.label)
-        for start, stop in panel.spans:
-            if start < view[1]:
-                plot.axvspan(start, min(stop, view[1]), color="#f0b429", alpha=0.25, lw=0)
-        plot.set_ylabel(panel.title[panel.title.rindex("[") :])
-        legend(plot)
-    plots[-1].set_xlabel("time [s]")
-    return figure

@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from hexsim.recording.figure_style import MOST_POINTS, legend, new_figure, styled
 from hexsim.recording.page import picture, question
 
 Array = NDArray[np.float64]
@@ -44,6 +46,24 @@ class Panel:
     marks: Sequence[tuple[float, float, str]] = ()
     band: tuple[float, float] | None = None
     spans: Sequence[tuple[float, float]] = ()
+
+
+@styled
+def still(panels: Sequence[Panel], title: str, view: tuple[float, float] = (-np.inf, np.inf)) -> Figure:
+    """Panels as a picture, of the part that is seen first [s]; their titles end with the unit."""
+    figure, plots = new_figure(len(panels), title, height=4.4)
+    for plot, panel in zip(plots, panels, strict=True):
+        rows = np.flatnonzero((panel.time_s >= view[0]) & (panel.time_s < view[1]))
+        rows = rows[:: max(len(rows) // MOST_POINTS, 1)]
+        for curve in panel.curves:
+            plot.plot(panel.time_s[rows], np.asarray(curve.values)[rows], color=curve.color, label=curve.label)
+        for start, stop in panel.spans:
+            if start < view[1]:
+                plot.axvspan(start, min(stop, view[1]), color="#f0b429", alpha=0.25, lw=0)
+        plot.set_ylabel(panel.title[panel.title.rindex("[") :])
+        legend(plot)
+    plots[-1].set_xlabel("time [s]")
+    return figure
 
 
 def zoomable(

@@ -10,7 +10,6 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from hexsim.own.run import still
 from hexsim.recording import palette
 from hexsim.recording.figure_style import MOST_POINTS, PAPER, legend, new_figure, png, styled
 from hexsim.recording.page import (
@@ -30,7 +29,7 @@ from hexsim.recording.page import (
     verdict,
 )
 from hexsim.recording.quantity import plain, quantity
-from hexsim.recording.zoom import Curve, Panel, zoomable
+from hexsim.recording.zoom import Curve, Panel, still, zoomable
 from hexsim.tracing.own.analysis import OwnTrace
 from hexsim.tracing.own.folder import OwnMachine
 
