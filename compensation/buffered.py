@@ -47,7 +47,6 @@ class B(IntEnum):
     BUFFER = 53  # UV, UC and the side of each sample (corrected form: total volts, velocity)
 
 
-OF_A_CURVE = (B.ESTIMATE - B.CURVE) // 2  # numbers of a side's curve
 assert B.BUFFER == B.ESTIMATE + V.END
 
 
@@ -132,8 +131,8 @@ class Buffered(RowCompensator):
 @compiled
 def curve_of(row, number):
     """The numbers of a curve."""
-    first = B.CURVE + OF_A_CURVE * number
-    return row[first : first + OF_A_CURVE]
+    each = (B.ESTIMATE - B.CURVE) // 2
+    return row[B.CURVE + each * number :][:each]
 
 
 @compiled

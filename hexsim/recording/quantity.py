@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 
 from hexsim.recording.summary_table import NOTHING, number
+from hexsim.signals.units import UNITS
 
-MM, BAR, L_MIN, DEG = 1e3, 1e-5, 6e4, 180.0 / math.pi  # what engineers read, per SI unit: mm, bar, l/min, deg
+MM, BAR, L_MIN, DEG = (
+    1.0 / UNITS[unit][0] for unit in ("mm", "bar", "l_min", "deg")
+)  # what engineers read, per SI unit
 # SI unit: (least size in SI, SI size of one, name), the largest first; the last one also serves what is smaller
 SCALES: dict[str, tuple[tuple[float, float, str], ...]] = {
     "m": ((0.5, 1.0, "m"), (1e-3, 1e-3, "mm"), (1e-7, 1e-6, "µm"), (0.0, 1e-9, "nm")),
