@@ -78,8 +78,9 @@ def step_rule(rows: Array, supply_row: Array, compliance: Array, load_rad_s: flo
 
     compliance (n_legs, n_legs) [1/kg]: acceleration of leg i for a force on leg j. load_rad_s: fastest mode of the load.
     """
-    stiff = np.array([stiffness(row) for row in rows])
-    fastest = [_fastest(compliance, coefficients) for coefficients in stiff.T]
+    # largest eigenvalues of A diag(k), k >= 0: of a damping k in 1/s, of a spring k in (rad/s)^2
+    root = np.sqrt(np.maximum(np.array([stiffness(row) for row in rows]).T, 0.0))
+    fastest = np.maximum(np.linalg.eigvalsh(root[:, :, None] * compliance * root[:, None, :])[:, -1], 0.0)
     own = max(load_rad_s, *(own_frequency(row) for row in rows))
     return StepRule(*rule_of(*fastest, own, supply_rate(supply_row)))
 
@@ -138,12 +139,6 @@ def friction_slope(p):
     level = max(p[P.COULOMB_EXTEND], p[P.COULOMB_RETRACT]) + max(p[P.STATIC_EXTEND], p[P.STATIC_RETRACT])
     seals = p[P.SEAL_FRICTION] + p[P.SEAL_FRICTION_TOP] + p[P.SEAL_FRICTION_ACROSS]
     return (level + seals * p[P.SUPPLY_PRESSURE] + abs(p[P.RIPPLE_FORCE]) + learned_jump) / friction_width(p)
-
-
-def _fastest(compliance: Array, coefficients: Array) -> float:
-    """Largest eigenvalue of A diag(k), k >= 0: of the damping k in 1/s, of the spring k in (rad/s)^2."""
-    root = np.sqrt(np.maximum(coefficients, 0.0))
-    return max(float(np.linalg.eigvalsh(root[:, None] * compliance * root)[-1]), 0.0)
 
 
 @compiled
