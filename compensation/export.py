@@ -11,7 +11,6 @@ import csv
 import io
 from bisect import bisect_right
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 from .compensator import Parameters
@@ -118,21 +117,6 @@ def to_csv(table: CompensationTable, path: str | Path | None = None) -> str:
     writer.writerow(["control_V", "compensation_V"])
     writer.writerows([f"{u:.17g}", f"{v:.17g}"] for u, v in zip(table.control_V, table.compensation_V, strict=True))
     return _written(text.getvalue(), path)
-
-
-def from_csv(path: str | Path) -> CompensationTable:
-    """A table read back; ValueError names the file and what is wrong."""
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
-    if not rows or rows[0] != ["control_V", "compensation_V"]:
-        raise ValueError(f"{path} is no compensation table: its first row must be control_V,compensation_V")
-    try:
-        control, volts = zip(*((float(u), float(v)) for u, v in rows[1:]), strict=True)
-    except ValueError:
-        raise ValueError(f"{path} holds a row that is not two numbers: mend it") from None
-    if len(control) < 2 or any(b <= a for a, b in pairwise(control)):
-        raise ValueError(f"{path} must hold two rows at least, control_V increasing")
-    return CompensationTable(control, volts)
 
 
 C_TEMPLATE = """/* {note}

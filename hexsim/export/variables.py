@@ -189,7 +189,10 @@ def _parameter(
     low = max((item.ge for item in field.metadata if hasattr(item, "ge")), default=-np.inf)
     high = min((item.le for item in field.metadata if hasattr(item, "le")), default=np.inf)
     below = {
-        **dict.fromkeys(("friction.coulomb_extend_N", "friction.coulomb_retract_N"), _largest_force_N(machine)),
+        **dict.fromkeys(
+            ("friction.coulomb_extend_N", "friction.coulomb_retract_N"),
+            machine.supply.pressure_Pa * machine.cylinder.area_bottom_m2,
+        ),
         "valve.overlap_m": machine.valve.spool_travel_max_m,
         "cylinder.cushion_length_m": machine.cylinder.stroke_m / 2,
     }.get(key, np.inf)
@@ -206,10 +209,6 @@ def _parameter(
         low=float(max(low, above, -np.nextafter(below, 0))),
         high=float(min(high, np.nextafter(below, 0))),
     )
-
-
-def _largest_force_N(machine: Machine) -> float:
-    return machine.supply.pressure_Pa * machine.cylinder.area_bottom_m2
 
 
 def _changes(machine: Machine, key: str, value: float) -> tuple[Change, ...]:

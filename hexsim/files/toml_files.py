@@ -111,7 +111,8 @@ def _problem(first: Any, model: Any) -> str:
         return f"{shortened(place)} is not a known {what}: {meant}allowed are {', '.join(_keys(at))}"
     if kind.startswith("union_tag") and isinstance(given, dict):
         place = f"[{'.'.join(where)}] " if where else ""
-        return f"{place}kind = {shortened(repr(given.get('kind')))}: allowed are {', '.join(_all_kinds(at))}"
+        allowed = ", ".join(tag for member in _candidates(at) for tag in _kinds(member))
+        return f"{place}kind = {shortened(repr(given.get('kind')))}: allowed are {allowed}"
     text = PLAINLY.get(kind) or first["msg"].removeprefix("Value error, ").replace(" after validation", "")
     shown = f" = {shortened(repr(given))}" if isinstance(given, (int, float, str, list, tuple)) else ""
     if kind in ("float_parsing", "float_type", "int_parsing", "int_type") and isinstance(given, str):
@@ -183,10 +184,6 @@ def _kinds(candidate: Any) -> tuple[Any, ...]:
     """The tags of a member of a discriminated union."""
     field = getattr(candidate, "model_fields", {}).get("kind")
     return get_args(field.annotation) if field is not None else ()
-
-
-def _all_kinds(union: Any) -> list[str]:
-    return [kind for candidate in _candidates(union) for kind in _kinds(candidate)]
 
 
 def _keys(model: Any) -> list[str]:

@@ -49,10 +49,6 @@ SEEN = Seen()
 N_SEEN = 5 + len(SEEN.ahead_s)  # numbers a leg in an observation: `Episodes.observations`
 
 
-def default_machine() -> Machine:
-    return load_machine("bench")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Task:
     """machine: as declared. role: "compensator" adds to proportional control, "controller" has the valve alone.
@@ -63,7 +59,7 @@ class Task:
     Raises HexsimError for a range that is none.
     """
 
-    machine: Machine = field(default_factory=default_machine)
+    machine: Machine = field(default_factory=lambda: load_machine("bench"))
     role: str = "compensator"
     authority_V: float = 1.0
     effects: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -202,7 +202,7 @@ def motor_power(s, speed, flow, pressure):
 
 
 @compiled
-def power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure):
+def power_unit_heat(s, speed, line_flow, pump_pressure, pressure):
     """Heat [W] that pump, relief valve, line and a burst hose put into the oil."""
     lost = pump_leakage(s, speed, pump_pressure) + relief_flow(s, pump_pressure)
     heat = pump_pressure * lost + speed * s[S.PUMP_FRICTION] + line_drop(s, line_flow) * line_flow
@@ -216,7 +216,7 @@ def power_unit_rates(s, state, switched_on, demand, leg_heat):
     pump_pressure, pressure = chamber.pressure(pump_state), chamber.pressure(manifold_state)
     net = flow - relief_flow(s, pump_pressure) - line_flow
     surge = (pump_pressure - pressure - line_drop(s, line_flow)) / s[S.LINE_INERTANCE]
-    heat = leg_heat + power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
+    heat = leg_heat + power_unit_heat(s, speed, line_flow, pump_pressure, pressure)
     gain = line_flow - demand - burst_flow(s, pressure)
     return (
         (switched_on - speed) / s[S.MOTOR_TIME],

@@ -123,11 +123,8 @@ def save_machine(machine: Machine, path: Path, like: str | Path | None = None) -
     like: the machine that it was made from, as `load_machine` takes it; its comments and order stay, and what differs is changed. Where
     that file declares the same in another way (a run's config.toml, a data sheet's numbers), all numbers are written.
     """
-    write_text(path, (None if like is None else _text_like(machine, find_machine_file(like))) or _text_of(machine))
-
-
-def _text_of(machine: Machine) -> str:
-    return tomli_w.dumps(machine_tables(machine))
+    text = None if like is None else _text_like(machine, find_machine_file(like))
+    write_text(path, text or tomli_w.dumps(machine_tables(machine)))
 
 
 def _text_like(machine: Machine, path: Path) -> str | None:

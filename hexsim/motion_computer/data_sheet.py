@@ -31,7 +31,7 @@ def compensator_context(
     cylinder, sensors = own.cylinder, own.sensors
     omega_1_s, damping, _ = own.valve.spool
     noise_m = math.hypot(sensors.position_noise_m, sensors.position_resolution_m)
-    gain, most_V = _valve_numbers(declared_rows(machine)[leg - 1], cylinder.rod_side == "valve")
+    gain, most_V = _valve_numbers(declared_rows(machine)[leg - 1])
     return Context(
         rate_Hz=machine.controller.rate_Hz,
         position_gain_V_per_m=own.controller.gain_V_per_m,
@@ -67,7 +67,7 @@ def compensator_context(
     )
 
 
-def _valve_numbers(row: NDArray[np.float64], four_way: bool) -> tuple[float, float]:
+def _valve_numbers(row: NDArray[np.float64]) -> tuple[float, float]:
     """Velocity gain k [m/s/V] of the smaller edge, at half the supply pressure across it, and e [V] of `compensation.volts_bound`."""
     drop_Pa = 0.5 * (row[P.SUPPLY_PRESSURE] - row[P.TANK_PRESSURE])
     speed = row[P.DISCHARGE] * math.sqrt(2.0 * drop_Pa / row[P.DENSITY]) / row[P.AREA_BOTTOM]

@@ -240,8 +240,8 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
         )
         places = offset(pointer_to(layout), (layout.shape[0] - 1) * layout.shape[1])
         speed, flow, line_flow, pump_pressure, temperature, pressure = supply_state(places, states)
-        demand, heat, work = supply.burst_flow(s, pressure), 0.0, 0.0
-        heat += supply.power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
+        demand, work = supply.burst_flow(s, pressure), 0.0
+        heat = supply.power_unit_heat(s, speed, line_flow, pump_pressure, pressure)
         for i in range(n):
             p = offset(pointer_to(rows), (which[k] * n + i) * width)
             places = offset(pointer_to(layout), i * layout.shape[1])

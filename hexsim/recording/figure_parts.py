@@ -68,7 +68,7 @@ def draw_deviation(plot: Axes, found: Deviation, raw: bool) -> None:
     plot.axhline(0.0, color=palette.REFERENCE, lw=0.6, zorder=0)
 
 
-def annotate_peaks(plot: Axes, found: Deviation, limits: tuple[float, float], unit: str) -> None:
+def annotate_peaks(plot: Axes, found: Deviation, limits: tuple[float, float]) -> None:
     for peak in found.peaks:
         if limits[0] <= peak.time_s <= limits[1]:
             plot.annotate(

@@ -112,7 +112,7 @@ def acceleration(signals: Signals) -> Figure | None:
     for plot, values in ((top, raw), (middle, found.raw)):
         plot.set_xlim(*close)
         fit_y(plot, t if values is raw else found.time_s, values, close)
-    annotate_peaks(middle, found, close, unit)
+    annotate_peaks(middle, found, close)
     draw_deviation(bottom, found, raw=False)
     symmetric(bottom)
     for plot in (middle, bottom):

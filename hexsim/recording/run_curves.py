@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.recording import palette
-from hexsim.recording.deviation import Deviation
 from hexsim.recording.figure_parts import close_up, tracking_error
 from hexsim.recording.quantity import DEG, MM
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
@@ -75,12 +74,9 @@ def _acceleration(signals: Signals) -> list[Panel]:
         ]
         panels.append(Panel(f"acceleration, {name} [{unit}]", signals.time_s, curves))
         curves = [Curve("raw", found.raw, palette.RAW, 0.8), Curve(in_band, found.band, palette.DEVIATION)]
-        panels.append(Panel(f"deviation, {name} [{unit}]", found.time_s, curves, marks=_peaks(found)))
+        marks = [(peak.time_s, peak.value, f"{number(abs(peak.value))} {peak.end}") for peak in found.peaks]
+        panels.append(Panel(f"deviation, {name} [{unit}]", found.time_s, curves, marks=marks))
     return panels
-
-
-def _peaks(found: Deviation) -> list[tuple[float, float, str]]:
-    return [(peak.time_s, peak.value, f"{number(abs(peak.value))} {peak.end}") for peak in found.peaks]
 
 
 def comparison_panels(runs: Mapping[str, Signals], axis: str) -> list[Panel]:

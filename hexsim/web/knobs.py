@@ -93,7 +93,7 @@ def knobs(machine: Machine) -> list[Knob]:
             machine,
             "load",
             "Load [kg]",
-            load_key(machine),
+            ("load.platform_mass_kg" if machine.mechanics.has_platform else "load.moving_mass_kg",),
             1.0,
             None,
             "What the legs carry. The run begins anew with another load.",
@@ -126,11 +126,6 @@ def knobs(machine: Machine) -> list[Knob]:
     ]
     there = {f"effects.{name}" for name in machine.effects}
     return [knob for knob in made if knob] + [knob for knob in effects if knob.keys[0].rpartition(".")[0] not in there]
-
-
-def load_key(machine: Machine) -> tuple[str]:
-    """Where the machine file says what is carried."""
-    return ("load.platform_mass_kg" if machine.mechanics.has_platform else "load.moving_mass_kg",)
 
 
 def _declared(

@@ -118,7 +118,7 @@ def test_energy_identity_of_the_rates():
         demand = 2e-4
         rate = supply.power_unit_rates(row, tuple(state), 1.0, demand, 0.0)
         given = supply.motor_power(row, speed, flow, pump_pressure)
-        heat = supply.power_unit_heat(row, speed, flow, line_flow, pump_pressure, pressure)
+        heat = supply.power_unit_heat(row, speed, line_flow, pump_pressure, pressure)
         stored = pump_pressure * supply.pump_side_capacity(row, pump_pressure) * rate[supply.U.PUMP_PRESSURE]
         stored += row[supply.S.LINE_INERTANCE] * line_flow * rate[supply.U.LINE_FLOW]
         stored += pressure * supply.manifold_capacity(row, pressure) * rate[supply.U.PRESSURE]
