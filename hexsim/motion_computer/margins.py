@@ -20,7 +20,6 @@ from hexsim.motion_computer.loop_model import Loop, loops
 
 Array = NDArray[np.float64]
 DELAY_AT_Hz = 1.0  # where the phase of a loop of a few hertz is still a delay
-POINTS = 400  # frequencies of a curve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +42,8 @@ class LoopFigures:
 
 def frequencies(
     rate_Hz: float,
-    points: int = POINTS,
-    late_s: float = 0.0,
+    points: int,
+    late_s: float,
     *,
     per_turn: int = 8,  # frequencies in a turn of a delay's angle: a crossing of the real axis is never passed over
 ) -> Array:
@@ -54,8 +53,8 @@ def frequencies(
     return np.union1d(np.geomspace(low, high, points), even)
 
 
-def figures_of(loop: Loop, points: int = POINTS) -> LoopFigures:
-    """All figures of one loop."""
+def figures_of(loop: Loop, points: int = 400) -> LoopFigures:
+    """All figures of one loop. points: frequencies of its curves."""
     f = frequencies(1.0 / loop.tick_s, points, sum(loop.late_ticks) * loop.tick_s)
     opened, closed = loop.open_response(f), loop.closed_response(f)
     crossings = _where_zero(f, np.abs(opened) - 1.0, lambda at: np.abs(loop.open_response(at)) - 1.0)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from hexsim.files.json_files import write_json
 from hexsim.machine.files import save_machine
 from hexsim.motion_computer.loop_model import loops
-from hexsim.motion_computer.margins import DELAY_AT_Hz, LoopFigures, frequencies
+from hexsim.motion_computer.margins import DELAY_AT_Hz, LoopFigures
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, plain_frequencies, png, small_multiples, styled
 from hexsim.recording.signals import AXIS_NAMES
@@ -81,7 +81,7 @@ def bode_figure(tuning: Tuning) -> Figure:
     )
     shown_Hz = (0.2, 30.0)  # beyond what is measured by a factor of 1.5 to 2.5
     f = np.geomspace(*shown_Hz, 150)
-    f = f[f < frequencies(tuning.machines[0].controller.rate_Hz)[-1]]
+    f = f[f < 0.5 * tuning.machines[0].controller.rate_Hz]
     for way, machine, axes, color in zip(
         WAYS, tuning.machines, tuning.axes, (palette.MARK, palette.RESPONSE), strict=True
     ):
