@@ -1,10 +1,12 @@
 """Scenario files: what they may say, and one sentence for what they may not."""
 
+from pathlib import Path
+
 import pytest
 import tomli_w
 
 import hexsim as hx
-from hexsim import HexsimError, load_scenario, scenarios
+from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
 from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
@@ -97,7 +99,7 @@ def test_a_file_that_is_not_there_is_no_unknown_scenario(path):
 
 def test_names_and_files_stand_for_machine_and_scenario():
     """simulate("bench", "heave.toml") runs; what is neither is refused in a sentence."""
-    path = scenarios.__path__[0] + "/heave.toml"
+    path = str(Path(hx.__file__).parent / "scenarios" / "heave.toml")
     with pytest.raises(HexsimError, match=r"duration .* is shorter than two samples"):
         simulate("bench", load_scenario(path, duration_s=1e-4))
     with pytest.raises(HexsimError, match=r"unknown machine 'benc'"):
