@@ -236,9 +236,9 @@ def machine(seed: int, place: Path) -> tuple[str, str, str]:
     return kind, sort, what
 
 
-def verdicts_of(what: str, steps: list[dict]) -> list[str]:
-    """Of each name: wrong if it is neither what is missing nor tied with it."""
-    right = SAME.get(what, (what,))
+def verdicts_of(what: str, steps: list[dict], formula: str | None = None) -> list[str]:
+    """Of each name: wrong if it is neither what is missing nor tied with it or with its formula."""
+    right = (*SAME.get(what, (what,)), *([formula] if formula else FORMULA.get(what, ())))
     return [
         "right"
         if all(title.startswith(right) for title in (step["title"], *step["tied"]))
@@ -272,7 +272,9 @@ def state(rows: list[dict]) -> str:
     """calibration.toml: verdicts of each kind on sealed machines of both journals, and how many of them are wrong."""
     wrong: dict[str, list[bool]] = {"name": [], "tie": [], "formula": []}
     for row in rows:
-        for step, verdict in zip(row["steps"], verdicts_of(row["missing"], row["steps"]), strict=True):
+        for step, verdict in zip(
+            row["steps"], verdicts_of(row["missing"], row["steps"], row.get("truth")), strict=True
+        ):
             wrong["tie" if step["tied"] else "name"].append(verdict == "wrong")
         if row["stated"] is not None:
             wrong["formula"].append(row["stated"] not in FORMULA.get(row["missing"], [row.get("truth")]))

@@ -3,14 +3,14 @@
 A formula has a length [nats], the log of how many there are of its size: it is a candidate among exp(length) compared ones. A linear
 look ranks all of them; the best are fitted and held out; the look is repeated about the best fit, where it is sharp, until it shows
 nothing that was not fitted. A formula stands if nothing else comes near: no other formula, no effect of the library, and beside it no
-free form and no memory at its place. Names that a formula alone beats are none, unless the form of the formula is open, too.
+free form and no memory at its place. Names that a formula alone beats are none; a name is tied with a formula that is as likely.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -50,8 +50,8 @@ class Form(Protocol):
 class Machine(Forms, Protocol):
     """A machine with its formulas."""
 
-    def forms(self, chosen: Sequence[Any], now: Fit) -> Sequence[Any]:
-        """Every formula, once for each start of its numbers."""
+    def forms(self, chosen: Sequence[Any], now: Fit, named: Sequence[Any] = ()) -> Sequence[Any]:
+        """Every formula, once for each start of its numbers, but those that a chosen or named effect is."""
         ...
 
     def looks(
@@ -63,16 +63,16 @@ class Machine(Forms, Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Formula:
-    """best: the likeliest formula. rivals: titles of what is as likely. why: no form, if not empty. open: it would be no name itself.
-    instead: it predicts better than all names together."""
+    """best: the likeliest formula. rivals: titles of what is as likely. why: no form, if not empty. instead: it predicts better
+    than all names together. tied: formulas that are as likely as the one name there is, with the odds."""
 
     best: Judgment
     form: Any
     rivals: list[str]
     why: str
     fitted: list[Judgment]
-    open: bool = False
     instead: bool = False
+    tied: list[str] = field(default_factory=list)
 
     @property
     def proven(self) -> bool:
@@ -112,19 +112,36 @@ def formula_of(
     if chosen:
         least = nats_of(found.final_held, found.base_held) - sum(math.log(step.compared) for step in found.steps)
         ground = ground_of(found, [], found.base, found.base_held)
-        # One formula as likely as several names leaves none of them proven.
-        odds = needed(1) if len(chosen) == 1 else -needed(1)
-        instead = sought(machine, ground, notes, tell, least + odds)
-        if instead is not None:
-            near = max(score_of(one) for _, one in instead.judged) < least + needed(1)
-            names = (" + ".join(one.title for one in chosen), math.inf)
-            made = settled(machine, ground, instead, [names] if near else [])
-            if not made.open:
-                return replace(made, instead=True)
+        instead = sought(machine, ground, notes, tell, least - needed(1), chosen)
+        if instead is not None and instead.top > least + (needed(1) if len(chosen) == 1 else -needed(1)):
+            rivals = [(" + ".join(one.title for one in chosen), math.inf)] if instead.top < least + needed(1) else []
+            return replace(settled(machine, ground, instead, rivals), instead=True)
+        tied = as_likely(instead.judged, found, least) if instead is not None and len(chosen) == 1 else []
+        if tied:
+            return Formula(best=tied[0][1], form=tied[0][0], rivals=[], why="", fitted=[], tied=tied_with(tied, least))
     now, held = proven(machine, found, chosen, notes)
     ground = ground_of(found, chosen, now, held)
     judged = sought(machine, ground, notes, tell, needed(1))
     return None if judged is None else settled(machine, ground, judged, library(found, ground))
+
+
+def as_likely(judged: list[tuple[Any, Judgment]], found: Found, least: float) -> list[tuple[Any, Judgment]]:
+    """Formulas that are named, not less likely than the one name with this score, and neither its law in other words nor, at an end of an
+    interval of theirs, it."""
+    [step] = found.steps
+    near = [(form, one) for form, one in judged if one.named and least - score_of(one) < needed(1)]
+    near = [(form, one) for form, one in near if not comes_to(one, step) and not one_law(one.after, found.final_held)]
+    return sorted(near, key=lambda pair: -score_of(pair[1]))
+
+
+def one_law(one: HeldOut, other: HeldOut) -> bool:
+    """Do they predict the same?"""
+    apart = sum(float(np.sum((a - b) ** 2)) for a, b in zip(one.rests, other.rests, strict=True))
+    return apart < OWN**2 * sum(float(np.sum(rest**2)) for rest in other.rests)
+
+
+def tied_with(near: list[tuple[Any, Judgment]], least: float) -> list[str]:
+    return [f"{one.title}, odds 1 to {math.exp(max(least - score_of(one), 0.0)):.1f}" for _, one in near]
 
 
 def ground_of(found: Found, chosen: list[Any], now: Fit, held: HeldOut) -> Ground:
@@ -154,6 +171,11 @@ class Sought:
     judged: list[tuple[Any, Judgment]]
     ended: bool
 
+    @property
+    def top(self) -> float:
+        """Score of the likeliest that could be a name."""
+        return max((score_of(one) for _, one in self.judged if one.named), default=-math.inf)
+
 
 def sought(
     machine: Machine,
@@ -161,6 +183,7 @@ def sought(
     notes: Notebook,
     tell: Callable[[str], None],
     least: float,
+    named: Sequence[Any] = (),
     *,
     most_looks: int = 5,  # linear looks at most
     most_full: int = 2,  # of them over every start of a formula's numbers: from the declared machine, about the first fit
@@ -168,7 +191,7 @@ def sought(
     """None where no formula's score comes to `least`."""
     best: Judgment | None = None
     judged: dict[str, tuple[Any, Judgment]] = {}
-    every = machine.forms(ground.chosen, ground.now)
+    every = machine.forms(ground.chosen, ground.now, named)
     for k in range(most_looks):
         tell(f"looking for a formula, {k + 1}")
         looks = looked(machine, ground, every)
@@ -269,7 +292,7 @@ def settled(machine: Machine, ground: Ground, made: Sought, library: list[tuple[
     elif doubted:
         why = f"{best.title} is the likeliest: {doubted[0].why}"
     fitted = [one for _, one in made.judged]
-    return Formula(best=best, form=form, rivals=rivals, why=why, fitted=fitted, open=bool(doubted) or not best.named)
+    return Formula(best=best, form=form, rivals=rivals, why=why, fitted=fitted)
 
 
 def library(found: Found, ground: Ground) -> list[tuple[str, float]]:

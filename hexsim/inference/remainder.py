@@ -35,6 +35,10 @@ class Forms(Protocol):
         what is left there shows in them. Each as its parts."""
         ...
 
+    def loosened(self, effect: Any, chosen: Sequence[Any], now: Fit) -> Any:
+        """An effect that is chosen, with an error of its form: further numbers, with priors. Itself where it has no form."""
+        ...
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Foretold:
@@ -229,6 +233,26 @@ def with_open_form(steps: Sequence[Judgment], left: Sequence[Remainder]) -> list
         else:
             continue
         doubted.append(replace(step, verdict="likely", why=why))
+    return doubted
+
+
+def beside_form_errors(machine: Forms, steps: Sequence[Judgment], now: Fit) -> list[Judgment]:
+    """Steps that are no names after all: what they take is as likely an error of the form of the other ones. What a name leaves is a
+    share of what it takes and follows its own signals; a small second effect beside a large first one must be none of it."""
+    chosen, doubted = [one.candidate for one in steps], []
+    for step in steps if len(steps) > 1 else ():
+        effect = step.candidate
+        others = [one if one is effect else machine.loosened(one, chosen, now) for one in chosen]
+        try:
+            about = Linear(machine.problem(others), now)
+        except HexsimError:
+            continue  # together too large to be written
+        errors = np.eye(len(about.names))[:, [name not in now.names for name in about.names]]
+        nats, enough = about.still(effect.amplitude, errors), needed(step.compared)
+        if effect.amplitude and nats < enough:
+            titles = " and ".join(one.title for one in chosen if one is not effect)
+            why = f"beside a slightly other form of {titles} it takes {nats:.1f} nats: a stand-in"
+            doubted.append(replace(step, verdict="likely", why=why))
     return doubted
 
 

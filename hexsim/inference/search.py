@@ -14,7 +14,15 @@ from hexsim.inference.contract import Problem
 from hexsim.inference.held_out import HeldOut
 from hexsim.inference.likelihood import Fit, fit
 from hexsim.inference.notebook import Notebook
-from hexsim.inference.remainder import Forms, beside_names, looked_at, remainders, theta_of, with_open_form
+from hexsim.inference.remainder import (
+    Forms,
+    beside_form_errors,
+    beside_names,
+    looked_at,
+    remainders,
+    theta_of,
+    with_open_form,
+)
 from hexsim.inference.verdict import Judgment, judge, needed, with_ties, without_size
 
 Array = np.ndarray
@@ -116,7 +124,11 @@ def search(
         keep(known([one for one in judged if one is not best]))
     steps, now, held = pruned(machine, steps, now, held, notes)
     left = remainders(machine, [step.candidate for step in steps], now) if steps else []
-    no_names = (*without_rival(machine, steps, held, notes), *with_open_form(steps, left))
+    no_names = (
+        *without_rival(machine, steps, held, notes),
+        *beside_form_errors(machine, steps, now),
+        *with_open_form(steps, left),
+    )
     if left:  # the terms of a balance, which its file names, may trade: that is said
         no_names = (*without_size(steps, now), *no_names)
     doubted = {one.title: one for one in no_names}

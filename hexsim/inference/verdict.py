@@ -183,13 +183,13 @@ def with_ties(one: Judgment, judged: Sequence[Judgment]) -> Judgment:
 
 
 def comes_to(other: Judgment, one: Judgment) -> bool:
-    """Does the other one have more numbers, one of which cannot be told from an end of its interval, or from an amplitude of 0? It is
-    the simpler one there."""
+    """Does the other one have more numbers, one of which cannot be told from an end of its interval, or one of several amplitudes from 0?
+    It is the simpler one there."""
     numbers = zip(other.fitted.problem.numbers, other.fitted.theta, other.fitted.errors, strict=True)
+    several = other.candidate.amplitude if len(other.candidate.amplitude) > 1 else ()
     return other.count > one.count and any(
         number.name not in one.fitted.names
-        and min(x - number.low, number.high - x, abs(x) if number.name in other.candidate.amplitude else math.inf)
-        < GATES.at * error
+        and min(x - number.low, number.high - x, abs(x) if number.name in several else math.inf) < GATES.at * error
         for number, x, error in numbers
     )
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables
-from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of
+from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables, ParameterTable
+from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of, span_of
 
 
 class Starts(NamedTuple):
@@ -329,6 +329,40 @@ def memories(
         [some_memory(tables, on, name, adds, scale, one, own, k) for k, one in enumerate(tries)]
         for name, adds, scale, tries in kinds
     ]
+
+
+def loosened(
+    tables: ModelTables,
+    effect: Candidate,
+    sizes: Callable[[str, str], Sizes],
+    *,
+    share: float = 1.0
+    / 3.0,  # of what it does, standard deviation of its form's error: at three it would change its sign
+) -> Candidate:
+    """The effect where its form is not quite right: what it does times 1 + slope, bend and sides over each of its own signals,
+    numbers that are 0 but for a share. Itself where it has no signals, and so no form."""
+    own = effect.signals | effect.names_in([effect.memory[1].of] if effect.memory else [])
+    spans = {name: span_of(sizes("sum", name)) for name in tables.states if name in own}
+    if effect.what == "input":
+        spans[effect.on] = (sizes("input", effect.on).M, sizes("input", effect.on).P)
+    size = [*effect.amplitude, *([effect.switch] if effect.switch else [])]
+    numbers, factor = {}, "1"
+    for k, (name, (middle, half)) in enumerate(spans.items()):
+        z = f"(({name} - ({middle:.7g})) / {half:.7g})"
+        # Legendre's, and 1 over their mean squares
+        shapes = {"slope": (z, 3.0), "bend": (f"(1.5 * {z}**2 - 0.5)", 5.0), "side": (f"sign({name})", 1.0)}
+        shapes = {key: shapes[key] for key in ("slope", "bend", *(("side",) if abs(middle) < half else ()))}
+        for shape, (text, square) in shapes.items():
+            number = f"form_{shape}_{k}_{size[0]}"
+            error = share * math.sqrt(square / len(shapes) / len(spans))
+            numbers[number] = ParameterTable(declared=0.0, uncertainty=error)
+            factor += f" + {number} * {text}"
+    formulas = {}
+    for key, text in effect.formulas.items():
+        without = effect.on if effect.what == "input" else f"({with_values(text, {name: '0' for name in size})})"
+        whole = key not in ("becomes", "storage")
+        formulas[key] = f"({text}) * ({factor})" if whole else f"{without} + (({text}) - {without}) * ({factor})"
+    return replace(effect, formulas=formulas, numbers=effect.numbers | numbers) if spans else effect
 
 
 def some_memory(

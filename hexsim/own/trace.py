@@ -16,7 +16,7 @@ from hexsim.inference.verdict import Judgment, changing
 from hexsim.own.declaration import Declaration
 from hexsim.own.effects import Candidate, joined, offered
 from hexsim.own.folder import OwnFolder
-from hexsim.own.forms import Form, forms, memories, with_values
+from hexsim.own.forms import Form, forms, loosened, memories, with_values
 from hexsim.own.formulas import BOUNDS
 from hexsim.own.model import model_of
 from hexsim.own.problem import OwnProblem, problem_of
@@ -64,6 +64,9 @@ def trace_own(
         why = f"{formula.best.title} alone is as likely as every name together, or likelier"
         doubted = [replace(step, verdict="likely", why=why) for step in found.steps]
         found = replace(found, steps=[], refused=[*doubted, *found.refused])
+    if formula is not None and formula.tied:
+        [step] = found.steps
+        found, formula = replace(found, steps=[replace(step, tied=[*step.tied, *formula.tied])]), None
     return traced(folder, machine, found, formula)
 
 
@@ -154,6 +157,12 @@ class Simulated:
             for tries in memories(declared, effect, fitted, sizes)
         ]
 
+    def loosened(self, effect: Candidate, chosen: Sequence[Candidate], now: Fit) -> Candidate:
+        """The effect with an error of its form."""
+        assert isinstance(now.problem, OwnProblem)
+        declared = self.declared(chosen)
+        return loosened(declared, effect, sizes_of(declared, now.problem, now.theta))
+
     def candidates(self, chosen: Sequence[Candidate], now: Fit) -> tuple[OwnProblem, list[tuple[Candidate, list[str]]]]:
         """All that the library and the file offer, in one model."""
         everything, found = self.declared(chosen), []
@@ -163,12 +172,12 @@ class Simulated:
             found.append((candidate, [one.switch] if one.switch else list(one.amplitude)))
         return self.of(everything), found
 
-    def forms(self, chosen: Sequence[Candidate], now: Fit) -> list[Form]:
-        """Every formula over the machine's signals but those that a chosen effect is."""
+    def forms(self, chosen: Sequence[Candidate], now: Fit, named: Sequence[Candidate] = ()) -> list[Form]:
+        """Every formula over the machine's signals but those that a chosen or named effect is."""
         assert isinstance(now.problem, OwnProblem)
         declared = self.declared(chosen)
         every = forms(declared, now.problem.simulator.model.inputs, sizes_of(declared, now.problem, now.theta))
-        known = {written(one) for one in chosen}
+        known = {written(one) for one in (*chosen, *named)}
         return [form for form in every if written(form.candidate) not in known]
 
     def looks(

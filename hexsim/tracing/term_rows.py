@@ -199,6 +199,11 @@ class BalanceMachine:
         del chosen, now
         return ()
 
+    def loosened(self, effect: TermCandidate, chosen: Sequence[TermCandidate], now: Fit) -> TermCandidate:
+        """The term itself: its form is the file's."""
+        del chosen, now
+        return effect
+
 
 def distinct(term: Term, k: int) -> Term:
     return replace(term, name=f"{term.name} #{k}")

@@ -1,6 +1,6 @@
 """The one inference on linear problems of numpy: honest errors under a coloured residual, names by held-out motion, stand-ins seen."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -116,6 +116,7 @@ class One:
     place: str = "a"
     has_memory: bool = False
     kind: str = ""
+    error: str = ""
     shapes = np.eye(1)
 
     def shapes_like(self, effect):
@@ -158,6 +159,9 @@ class Columns:
 
     def free_forms(self, chosen, now):
         return [[form] for form in self.free]
+
+    def loosened(self, effect, chosen, now):
+        return effect
 
 
 def test_what_is_missing_is_named_and_nothing_where_nothing_lacks():
@@ -214,6 +218,35 @@ def test_what_is_of_another_kind_is_left_beside_a_name():
     assert cube.steps == []
     assert any(one.why.endswith("a stand-in") for one in cube.refused if one.title == "b")
     assert search(Columns(np.random.default_rng(4), b=0.4)).left == ""
+
+
+class Loose(Columns):
+    """As `Columns`; c is missing, too, and is what an error of b's form would leave, known to a third of b."""
+
+    def __init__(self, rng, c):
+        super().__init__(rng, b=1.0)
+        self.free, self.y = [], [y + c * x[:, 2] for x, y in zip(self.x, self.y, strict=True)]
+
+    def loosened(self, effect, chosen, now):
+        return replace(effect, error="c") if effect.title == "b" else effect
+
+    def problem(self, chosen):
+        errors = [one.error for one in chosen if one.error]
+        places = ["abc".index(name) for name in ("a", *(one.title for one in chosen), *errors)]
+        names = ["a", *(one.title for one in chosen), *(f"error {name}" for name in errors)]
+        x = [one[:, places] for one in self.x]
+        return Linear(names, x, self.y, prior={f"error {name}": (0.0, 1.0 / 3.0) for name in errors})
+
+
+def test_what_a_slightly_other_form_of_a_name_would_leave_is_no_second_name():
+    """c of a fifth of b is in all motion and certain, and may be an error of b's form: b alone is named. c of twice b is none."""
+    found = search(Loose(np.random.default_rng(8), c=0.2))
+    assert [step.title for step in found.steps] == ["b"]
+    assert any(
+        "beside a slightly other form of b" in one.why and one.nats > 20.0 for one in found.refused if one.title == "c"
+    )
+    assert {one.title for one in found.in_model} == {"b", "c"}  # motion is predicted better with it
+    assert {step.title for step in search(Loose(np.random.default_rng(8), c=2.0)).steps} == {"b", "c"}
 
 
 def test_a_size_that_cannot_be_told_from_nothing_is_no_name():

@@ -39,12 +39,12 @@ DT, N = 0.04, 250
 
 
 def run(seed: int, place_damping: float, play: float, lag: float, slip: float) -> pl.DataFrame:
-    """Written apart: mass 1, damping 1.5 + place_damping x^2, spring 20, play of the drive and its lag, which begins at 0, springs of
-    stiffness `slip` that slip one after another; 20 semi-implicit steps a sample."""
+    """Written apart: mass 1, damping 1.5 + place_damping x^2, spring 20, play of the drive, which begins at one end, and its lag, which
+    begins at 0, springs of stiffness `slip` that slip one after another; 20 semi-implicit steps a sample."""
     rng = np.random.default_rng(seed)
     t = np.arange(N) * DT
     command = sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in rng.uniform(0.1, 1.2, 5)) / 2
-    x, v, held, late = 0.0, 0.0, command[0], 0.0
+    x, v, held, late = 0.0, 0.0, command[0] + 0.5 * play, 0.0
     ends, slid = np.array([0.05, 0.15, 0.4]), np.zeros(3)
     seen = np.zeros(N)
     for k in range(N):
@@ -122,7 +122,8 @@ def test_formulas_have_the_unit_of_their_sum(tmp_path):
 @pytest.mark.timeout(300)
 @pytest.mark.slow
 def test_play_is_backlash_and_no_lag(tmp_path):
-    """Play of a drive is named as such, alone and with its width: every memory is fitted, whatever a linear look foretells."""
+    """Play of a drive is named as such, alone and with its width, wherever in it a run begins: every memory is fitted, whatever a linear
+    look foretells."""
     found = search(machine(tmp_path, play=0.15))
     assert [step.candidate.name for step in found.steps] == ["backlash of a drive"]
     assert found.steps[0].tied == []
