@@ -3,7 +3,8 @@
 A formula has a length [nats], the log of how many there are of its size: it is a candidate among exp(length) compared ones. A linear
 look ranks all of them; the best are fitted and held out; the look is repeated about the best fit, where it is sharp, until it shows
 nothing that was not fitted. A formula stands if nothing else comes near: no other formula, no effect of the library, and beside it no
-free form and no memory at its place. Names that a formula alone beats are none; a name is tied with a formula that is as likely.
+free form and no memory at its place. Names that a formula alone beats are none, unless its own form is open, too, and it is but a
+slightly other form of them; a name is tied with a formula that is as likely.
 """
 
 from __future__ import annotations
@@ -63,14 +64,15 @@ class Machine(Forms, Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Formula:
-    """best: the likeliest formula. rivals: titles of what is as likely. why: no form, if not empty. instead: it predicts better
-    than all names together. tied: formulas that are as likely as the one name there is, with the odds."""
+    """best: the likeliest formula. rivals: titles of what is as likely. why: no form, if not empty. open: it would be no name itself.
+    instead: it predicts better than all names together. tied: formulas that are as likely as the one name, with the odds."""
 
     best: Judgment
     form: Any
     rivals: list[str]
     why: str
     fitted: list[Judgment]
+    open: bool = False
     instead: bool = False
     tied: list[str] = field(default_factory=list)
 
@@ -115,8 +117,10 @@ def formula_of(
         instead = sought(machine, ground, notes, tell, least - needed(1), chosen)
         if instead is not None and instead.top > least + (needed(1) if len(chosen) == 1 else -needed(1)):
             rivals = [(" + ".join(one.title for one in chosen), math.inf)] if instead.top < least + needed(1) else []
-            return replace(settled(machine, ground, instead, rivals), instead=True)
-        tied = as_likely(instead.judged, found, least) if instead is not None and len(chosen) == 1 else []
+            made = settled(machine, ground, instead, rivals)
+            if not (made.open and slightly_other(made.best.after, found)):
+                return replace(made, instead=True)
+        tied = [] if instead is None or len(chosen) > 1 else as_likely(machine, ground, instead, found, least)
         if tied:
             return Formula(best=tied[0][1], form=tied[0][0], rivals=[], why="", fitted=[], tied=tied_with(tied, least))
     now, held = proven(machine, found, chosen, notes)
@@ -125,19 +129,35 @@ def formula_of(
     return None if judged is None else settled(machine, ground, judged, library(found, ground))
 
 
-def as_likely(judged: list[tuple[Any, Judgment]], found: Found, least: float) -> list[tuple[Any, Judgment]]:
-    """Formulas that are named, not less likely than the one name with this score, and neither its law in other words nor, at an end of an
-    interval of theirs, it."""
-    [step] = found.steps
-    near = [(form, one) for form, one in judged if one.named and least - score_of(one) < needed(1)]
-    near = [(form, one) for form, one in near if not comes_to(one, step) and not one_law(one.after, found.final_held)]
-    return sorted(near, key=lambda pair: -score_of(pair[1]))
+def as_likely(machine: Machine, ground: Ground, made: Sought, found: Found, least: float) -> list[tuple[Any, Judgment]]:
+    """Formulas that could be stated, not less likely than the one name with this score, and neither its law in other words nor, at an
+    end of an interval of theirs, it."""
+    near = [
+        (form, one)
+        for form, one in sorted(made.judged, key=lambda pair: -score_of(pair[1]))
+        if one.named and least - score_of(one) < needed(1)
+        if not comes_to(one, found.steps[0]) and not one_law(one.after, found.final_held)
+    ]
+    return [(form, one) for form, one in near if not doubts(machine, ground, one)]
+
+
+def doubts(machine: Machine, ground: Ground, one: Judgment) -> list[Judgment]:
+    """The formula with what free forms beside it say against it."""
+    return with_open_form([one], remainders(machine, [*ground.chosen, one.candidate], one.fitted))
 
 
 def one_law(one: HeldOut, other: HeldOut) -> bool:
     """Do they predict the same?"""
-    apart = sum(float(np.sum((a - b) ** 2)) for a, b in zip(one.rests, other.rests, strict=True))
-    return apart < OWN**2 * sum(float(np.sum(rest**2)) for rest in other.rests)
+    return apart(one, other) < OWN * math.sqrt(sum(float(np.sum(rest**2)) for rest in other.rests))
+
+
+def slightly_other(one: HeldOut, found: Found) -> bool:
+    """Does it predict what the names do, but for an error of their form?"""
+    return apart(one, found.final_held) < GATES.form * apart(found.base_held, found.final_held)
+
+
+def apart(one: HeldOut, other: HeldOut) -> float:
+    return math.sqrt(sum(float(np.sum((a - b) ** 2)) for a, b in zip(one.rests, other.rests, strict=True)))
 
 
 def tied_with(near: list[tuple[Any, Judgment]], least: float) -> list[str]:
@@ -281,7 +301,7 @@ def settled(machine: Machine, ground: Ground, made: Sought, library: list[tuple[
     form, best = min(near, key=lambda pair: (pair[1].count, -score_of(pair[1])))
     rivals = [one.title for own, one in near if one is not best and not same(own, one, best)]
     rivals += [title for title, nats in library if best.nats - nats < needed(1)]
-    doubted = with_open_form([best], remainders(machine, [*ground.chosen, best.candidate], best.fitted))
+    doubted = doubts(machine, ground, best)
     why = ""
     if rivals:
         why = f"{best.title} and {rivals[0]} are as likely"
@@ -292,7 +312,7 @@ def settled(machine: Machine, ground: Ground, made: Sought, library: list[tuple[
     elif doubted:
         why = f"{best.title} is the likeliest: {doubted[0].why}"
     fitted = [one for _, one in made.judged]
-    return Formula(best=best, form=form, rivals=rivals, why=why, fitted=fitted)
+    return Formula(best=best, form=form, rivals=rivals, why=why, fitted=fitted, open=bool(doubted) or not best.named)
 
 
 def library(found: Found, ground: Ground) -> list[tuple[str, float]]:

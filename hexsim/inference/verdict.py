@@ -25,6 +25,8 @@ class Gates(NamedTuple):
     at: float = 2.0  # errors within which a number cannot be told from a value
     # spreads over bands and stretches that one amplitude must have: else it is as much another one as itself
     sure: float = 1.0
+    # of what an effect does, one standard deviation of the error of its form: at three it would change its sign
+    form: float = 1.0 / 3.0
 
 
 GATES = Gates()

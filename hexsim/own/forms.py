@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+from hexsim.inference.verdict import GATES
 from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables, ParameterTable
 from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of, span_of
 
@@ -354,7 +355,7 @@ def loosened(
         shapes = {key: shapes[key] for key in ("slope", "bend", *(("side",) if abs(middle) < half else ()))}
         for shape, (text, square) in shapes.items():
             number = f"form_{shape}_{k}_{size[0]}"
-            error = share * math.sqrt(square / len(shapes) / len(spans))
+            error = GATES.form * math.sqrt(square / len(shapes) / len(spans))
             numbers[number] = ParameterTable(declared=0.0, uncertainty=error)
             factor += f" + {number} * {text}"
     formulas = {}
