@@ -66,13 +66,13 @@ class Balance(ABC):
         """Has the machine this balance, and the log the channels?"""
         return any(all(log.signal(stem) is not None for stem in stems) for stems in self.needs(machine))
 
-    @abstractmethod
     def places(self, log: Log) -> list[str]:
         """Names of the rows: "leg 1", "all legs", "platform x"."""
+        return [f"leg {i + 1}" for i in range(log.n_legs)]
 
-    @abstractmethod
     def residual(self, log: Log, machine: Machine) -> Array:
-        """The residual under a window, a row a place: (n_places, n)."""
+        """The residual under a window, a row a place: (n_places, n). A balance has this or `residual_at` of its own."""
+        return self.residual_at(log, machine, WHOLE)
 
     def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
         """The same at some samples, (n_places, n_at): what fits ask for. A balance may do that for less."""

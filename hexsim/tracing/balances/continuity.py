@@ -167,18 +167,12 @@ class Continuity(Balance):
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
         return (("valve", "pressure_bottom"),)
 
-    def places(self, log: Log) -> list[str]:
-        return [f"leg {i + 1}" for i in range(log.n_legs)]
-
     def reported_as(self, signal: str) -> str:
         return "valve" if signal == "valve_V" else self.name
 
     def noise_gains(self, resolved: Resolved) -> Array:
         """Of the positions, whose rate is noisier than the pressures'."""
         return np.array([position_settings(resolved, leg)[1] for leg in range(resolved.machine.n_legs)])
-
-    def residual(self, log: Log, machine: Machine) -> Array:
-        return self.residual_at(log, machine, WHOLE)
 
     def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
         return of_legs(inflow_of, residual_of, log, machine, at)

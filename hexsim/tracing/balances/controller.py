@@ -154,9 +154,6 @@ class Loop(Balance):
             abs(loop.gain - 1.0) > rules.KNOWN or abs(loop.delay_ticks - declared) > ALIKE for loop in found
         )
 
-    def places(self, log: Log) -> list[str]:
-        return [f"leg {i + 1}" for i in range(log.n_legs)]
-
     def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
         assert log.setpoint is not None and log.volts is not None

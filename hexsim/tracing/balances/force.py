@@ -22,7 +22,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import moving_body, suspension
 from hexsim.mechanics.rigid_body import pushed_back
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import WHOLE, Window
+from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import (
     Balance,
     MeasuredPoint,
@@ -102,15 +102,9 @@ class Force(Balance):
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
         return () if machine.is_hexapod else force_pressures(machine)
 
-    def places(self, log: Log) -> list[str]:
-        return ["leg 1"]
-
     def noise_gains(self, resolved: Resolved) -> Array:
         """The pressures make about half of it, the speed by friction the other."""
         return np.sqrt(np.array([channel_settings(resolved, 0, "pressure", "Pa")[1]]))
-
-    def residual(self, log: Log, machine: Machine) -> Array:
-        return self.residual_at(log, machine, WHOLE)
 
     def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate, at=at)

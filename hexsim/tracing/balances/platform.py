@@ -51,9 +51,6 @@ class Platform(Balance):
     def places(self, log: Log) -> list[str]:
         return [f"platform {row}" for row in ROWS]
 
-    def residual(self, log: Log, machine: Machine) -> Array:
-        return wrench_residual(log, machine)[0]
-
     def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
         return wrench_residual(log, machine, at)[0]
 
@@ -70,9 +67,6 @@ class LegForce(Balance):
 
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
         return Platform().needs(machine)
-
-    def places(self, log: Log) -> list[str]:
-        return [f"leg {i + 1}" for i in range(6)]
 
     def residual(self, log: Log, machine: Machine) -> Array:
         residual, lines = wrench_residual(log, machine)

@@ -11,7 +11,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import WHOLE, WIDE_S, Window
+from hexsim.signals.weak_form import WIDE_S, Window
 from hexsim.tracing.balances.balance import Balance, position_settings, resolved_machine, sensed_leg, sensor_settings
 from hexsim.tracing.balances.platform import ROWS, felt_by_imu, platform_motion
 from hexsim.tracing.memory import latest
@@ -32,12 +32,6 @@ class Sensor(Balance):
 
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
         return () if machine.is_hexapod else (("acceleration",),)
-
-    def places(self, log: Log) -> list[str]:
-        return ["leg 1"]
-
-    def residual(self, log: Log, machine: Machine) -> Array:
-        return self.residual_at(log, machine, WHOLE)
 
     def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
         resolved, place = resolved_machine(machine), ("disagreement", at.start, at.stop, at.step)

@@ -21,7 +21,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import STEP
 from hexsim.hydraulics.supply import LINE, POWER_UNIT, S, line_capacity, power_unit_rates, pump_flow_command
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import HALF_WIDTH_S, WHOLE, Window
+from hexsim.signals.weak_form import HALF_WIDTH_S, Window
 from hexsim.tracing.balances.balance import Balance, measured_point, resolved_machine
 
 Array = np.ndarray
@@ -100,9 +100,6 @@ class Supply(Balance):
     def noise_gains(self, resolved: Resolved) -> Array:
         """Of the supply's transducer."""
         return np.array([resolved.sensors.supply_pressure_gain])
-
-    def residual(self, log: Log, machine: Machine) -> Array:
-        return self.residual_at(log, machine, WHOLE)
 
     def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate, at=at)
