@@ -1,6 +1,6 @@
 """Second names: machines that lack two effects of the library, and one whose form is not quite the library's.
 
-    python benchmarks/own_second_names.py --first 51000 --count 12
+    python benchmarks/own_second_names.py --first 51000 --count 8
 
 Even seeds lack a pair, of which both should be named. Odd ones lack a neighbour of one effect: what a first name leaves of it is no
 second effect. Drives as in own_calibration.py, with less noise, so that what a name leaves is seen.
@@ -102,7 +102,7 @@ def verdict(trace: OwnTrace, wanted: tuple[str, ...]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=51000)
-    parser.add_argument("--count", type=int, default=12)
+    parser.add_argument("--count", type=int, default=8)
     asked = parser.parse_args()
     for seed in range(asked.first, asked.first + asked.count):
         began, near = time.process_time(), list(NEAR)[seed // 2 % len(NEAR)]
