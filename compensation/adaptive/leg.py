@@ -29,14 +29,14 @@ N_STATES = 10  # y to the pressures as measured
 (Y, V, P1, P2, X, XD, AMP, Z, M1, M2) = range(N_STATES)
 NAMES = (
     "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
-    "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "turbulent_Pa", "laminar", "leak", "leak_tank",
+    "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "ln_turbulent", "ln_laminar", "leak", "leak_tank",
     "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
     "reg_m_s", "give_m_N", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s", "notch",
     "skew_up_V", "skew_dn_V", "leak_supply", "leak_supply_top", "leak_tank_top",  # of a four-way valve alone
 )  # fmt: skip
 N_NUMBERS, N_SPOOL = len(NAMES), 5  # of these the first act on the spool
 (
-    LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, TURBULENT, LAMINAR, LEAK,
+    LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, LN_TURBULENT, LN_LAMINAR, LEAK,
     LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, REG,
     GIVE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, NOTCH, SKEW_UP, SKEW_DN,
     LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP,
@@ -228,6 +228,7 @@ def tangent(
     dkp = -kp * kp / h
     E = sheet[S_E] / (1.0 + th[SOFT])
     cs, reg, sigma = exp(th[LN_STRIBECK]), th[REG], 1.0 / th[GIVE]
+    turbulent, laminar = exp(th[LN_TURBULENT]), exp(th[LN_LAMINAR])
     flow = sheet[S_FLOW]
     gu, gd = flow * th[GAIN_UP], flow * th[GAIN_DN]
     tank, m = sheet[S_TANK], th[MASS] * sheet[S_OWN]
@@ -276,7 +277,7 @@ def tangent(
         u2 = u2d = u2s = u2b = u2c = u2n = u2t = u2l = u2r = 0.0
         opening(middle - th[DEAD_UP], s_up, th[NOTCH], th[BEND], th[BEND2], o)
         if o[0] > 0.0:
-            orifice(o[0], supply - x[P1], th[TURBULENT], th[LAMINAR], q)
+            orifice(o[0], supply - x[P1], turbulent, laminar, q)
             q1 += gu * q[0]
             u1, slope = flow * q[0], gu * q[1]
             q1x += slope * o[1]
@@ -287,7 +288,7 @@ def tangent(
         if four:
             opening(middle - th[DEAD_UP] - th[SKEW_UP], s_up, th[NOTCH], th[BEND], th[BEND2], o)
             if o[0] > 0.0:
-                orifice(o[0], x[P2] - tank, th[TURBULENT], th[LAMINAR], q)
+                orifice(o[0], x[P2] - tank, turbulent, laminar, q)
                 behind_line(q, o[0], x[P2] - tank, gu, th[RETURN])
                 q2 -= gu * q[0]
                 u2, slope = -flow * q[5], -gu * q[1]
@@ -299,7 +300,7 @@ def tangent(
         d1 = d1d = d1s = d1r = d2 = d2d = d2s = 0.0
         opening(-middle - th[DEAD_DN], s_dn, th[NOTCH], th[BEND], th[BEND2], o)
         if o[0] > 0.0:
-            orifice(o[0], x[P1] - tank, th[TURBULENT], th[LAMINAR], q)
+            orifice(o[0], x[P1] - tank, turbulent, laminar, q)
             behind_line(q, o[0], x[P1] - tank, gd, th[RETURN])
             q1 -= gd * q[0]
             d1, slope = -flow * q[5], -gd * q[1]
@@ -315,7 +316,7 @@ def tangent(
         if four:
             opening(-middle - th[DEAD_DN] - th[SKEW_DN], s_dn, th[NOTCH], th[BEND], th[BEND2], o)
             if o[0] > 0.0:
-                orifice(o[0], supply - x[P2], th[TURBULENT], th[LAMINAR], q)
+                orifice(o[0], supply - x[P2], turbulent, laminar, q)
                 q2 += gd * q[0]
                 d2, slope = flow * q[0], gd * q[1]
                 q2x -= slope * o[1]
@@ -438,8 +439,8 @@ def tangent(
                 S2[BEND] += k2 * u2b
                 S2[BEND2] += k2 * u2c
                 S2[NOTCH] += k2 * u2n
-                S2[TURBULENT] += k2 * u2t
-                S2[LAMINAR] += k2 * u2l
+                S2[LN_TURBULENT] += k2 * turbulent * u2t
+                S2[LN_LAMINAR] += k2 * laminar * u2l
                 S2[LEAK] -= k2 * across
                 S2[SOFT] -= less2 * (column * a2 + sheet[S_V2]) / sheet[S_E]
                 S2[AIR] -= less2 * c[3]
@@ -465,8 +466,8 @@ def tangent(
             S1[BEND] += k * u1b
             S1[BEND2] += k * u1c
             S1[NOTCH] += k * u1n
-            S1[TURBULENT] += k * u1t
-            S1[LAMINAR] += k * u1l
+            S1[LN_TURBULENT] += k * turbulent * u1t
+            S1[LN_LAMINAR] += k * laminar * u1l
             S1[LEAK] += k * across
             S1[LEAK_TANK] -= k * (x[P1] - tank)
             S1[SOFT] -= less * c[0] / (c[1] * sheet[S_E])

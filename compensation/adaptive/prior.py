@@ -29,16 +29,17 @@ from .leg import (
     GAIN_UP,
     GIVE,
     HOLD,
-    LAMINAR,
     LEAK,
     LEAK_SUPPLY,
     LEAK_SUPPLY_TOP,
     LEAK_TANK,
     LEAK_TANK_TOP,
+    LN_LAMINAR,
     LN_ROUND,
     LN_ROUND_RATIO,
     LN_SPOOL,
     LN_STRIBECK,
+    LN_TURBULENT,
     MASS,
     N_NUMBERS,
     NOTCH,
@@ -67,7 +68,6 @@ from .leg import (
     SPRING,
     STATIC_DN,
     STATIC_UP,
-    TURBULENT,
     VISCOUS_DN,
     VISCOUS_UP,
     ZETA,
@@ -77,7 +77,7 @@ GRAVITY_m_s2 = 9.81  # between a held force and a mass
 NONE = 1e300  # no bound
 # units of the figures below: numerator and denominator in `fill_prior`
 (
-    ONE, VOLTS, PER_VOLT, PER_VOLT2, VOLTS2, FORCE, FORCE_A_STROKE, FORCE_A_SPEED, WEIGHT, HELD, LEAKS, PER_FLOW, GIVES,
+    ONE, VOLTS, PER_VOLT, PER_VOLT2, RANGE2, FORCE, FORCE_A_STROKE, FORCE_A_SPEED, WEIGHT, HELD, LEAKS, PER_FLOW, GIVES,
     STRIBECK,
 ) = range(14)  # fmt: skip
 # Number, mean, standard deviation, lowest, highest, unit; and 1 where the number is a logarithm: of that mean and those bounds. All are
@@ -100,8 +100,8 @@ TABLE = np.array([
     (DRIFT, 0.0, 1e-3, -0.02, 0.02, VOLTS, 0),  # [a second] of the null: a tenth of its spread in 10 s
     (SKEW_UP, 0.0, 0.02, -0.2, 0.2, VOLTS, 0),  # of a tank edge beside its supply edge: lands ground to 2 um
     (SKEW_DN, 0.0, 0.02, -0.2, 0.2, VOLTS, 0),
-    (TURBULENT, 6e4, 2e5, 10.0, 3e6, ONE, 0),  # [Pa] drop above which the flow goes with its root
-    (LAMINAR, 20.0, 2e3, 20.0, 1e6, VOLTS2, 0),  # [Pa] the same for a narrow slit
+    (LN_TURBULENT, 3e4, 2.0, 10.0, 3e6, ONE, 1),  # [Pa] drop above which the flow goes with its root
+    (LN_LAMINAR, 10.0, 3.5, 0.01, 1e5, RANGE2, 1),  # [Pa] the same of a laminar edge that is open all the way: from none to cold oil
     (LEAK, 0.0, 1.0, -20.0, 20.0, LEAKS, 0),  # of either sign, for it stands beside what the dead band lets through
     (LEAK_TANK, 0.0, 1.0, -20.0, 20.0, LEAKS, 0),
     (LEAK_SUPPLY, 0.0, 1.0, -20.0, 20.0, LEAKS, 0),
@@ -167,8 +167,8 @@ def unit_of(unit, settings, hold_N):
         return 1.0, volts
     if unit == PER_VOLT2:
         return 1.0, volts**2
-    if unit == VOLTS2:
-        return volts**2, 1.0
+    if unit == RANGE2:
+        return settings.voltage_max_V**2, 1.0
     if unit == FORCE:
         return force, 1.0
     if unit == FORCE_A_STROKE:
