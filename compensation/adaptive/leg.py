@@ -31,23 +31,24 @@ NAMES = (
     "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
     "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "ln_turbulent", "ln_laminar", "leak", "leak_tank",
     "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
-    "reg_m_s", "give_m_N", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s", "notch",
+    "reg_m_s", "give_m_N", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s", "notch", "tail",
     "skew_up_V", "skew_dn_V", "leak_supply", "leak_supply_top", "leak_tank_top",  # of a four-way valve alone
 )  # fmt: skip
 N_NUMBERS, N_SPOOL = len(NAMES), 5  # of these the first act on the spool
 (
     LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, LN_TURBULENT, LN_LAMINAR, LEAK,
     LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, REG,
-    GIVE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, NOTCH, SKEW_UP, SKEW_DN,
+    GIVE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, NOTCH, TAIL, SKEW_UP, SKEW_DN,
     LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP,
 ) = range(N_NUMBERS)  # fmt: skip
 N_SHEET = 14  # places in a sheet (N_SHEET,): what is declared
 (
     S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_OWN,
 ) = range(N_SHEET)  # fmt: skip
-N_SPACE = 17  # of an opening, an orifice and a chamber, with their derivatives
+N_SPACE = 18  # of an opening, an orifice and a chamber, with their derivatives
 ATMOSPHERE_Pa = 1.0e5  # of free air, as its share is counted
 LEAST_PRESSURE_Pa = 1.0e4  # below, oil boils, which this leg does not know
+CORNER = 0.6931471805599453  # ln 2
 LEAST_COLUMN_m = 1e-3  # of oil, so that a reading beyond an end of the stroke has a volume
 
 
@@ -58,9 +59,10 @@ def valve_lag_s(n):
 
 
 @inlined
-def opening(travel, s, notch, b, b2, out):
-    """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2; notch: share that its linear part lacks. out (6,): it,
-    and by travel, ln s, b, b2, notch."""
+def opening(travel, s, tail, notch, b, b2, out):
+    """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2. It closes exponentially, and to a share `tail` as an edge
+    with clearance does, t/2 + sqrt(t^2/4 + (s ln 2)^2): both open by s ln 2 at the edge. notch: share that its linear part lacks.
+    out (7,): it, and by travel, ln s, b, b2, notch, tail."""
     q = travel / s
     if q > 30.0:
         a, p, lns = travel, 1.0, 0.0
@@ -70,11 +72,15 @@ def opening(travel, s, notch, b, b2, out):
         p = e / (1.0 + e)
         lns = a - travel * p
     else:
-        out[0] = out[1] = out[2] = out[3] = out[4] = out[5] = 0.0
-        return
+        a = p = lns = 0.0
+    far = sqrt(0.25 * travel * travel + CORNER * CORNER * s * s)
+    more = 0.5 * travel + far - a
+    a += tail * more
+    p += tail * (0.5 + 0.25 * travel / far - p)
+    lns += tail * (CORNER * CORNER * s * s / far - lns)
     slope = 1.0 - notch + a * (2.0 * b + 3.0 * b2 * a)
     out[0] = a * (1.0 - notch + a * (b + b2 * a))
-    out[1], out[2], out[3], out[4], out[5] = slope * p, slope * lns, a * a, a * a * a, -a
+    out[1], out[2], out[3], out[4], out[5], out[6] = slope * p, slope * lns, a * a, a * a * a, -a, slope * more
 
 
 @inlined
@@ -233,7 +239,7 @@ def tangent(
     gu, gd = flow * th[GAIN_UP], flow * th[GAIN_DN]
     tank, m = sheet[S_TANK], th[MASS] * sheet[S_OWN]
     edge = split * SUBSTEPS
-    o, q, c = w[0:6], w[6:13], w[13:17]
+    o, q, c = w[0:7], w[7:14], w[14:18]
     Sy, Sv, S1, S2, Sx, Sd, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[XD], S[Z], S[M1], S[M2]
     if not four:
         x[P2] = x[M2] = supply
@@ -273,20 +279,20 @@ def tangent(
             q2 += th[LEAK_SUPPLY_TOP] * (supply - x[P2]) - th[LEAK_TANK_TOP] * (x[P2] - tank)
             q1_1 -= th[LEAK_SUPPLY]
             q2_2 -= th[LEAK_SUPPLY_TOP] + th[LEAK_TANK_TOP]
-        u1 = u1d = u1s = u1b = u1c = u1n = u1t = u1l = 0.0
-        u2 = u2d = u2s = u2b = u2c = u2n = u2t = u2l = u2r = 0.0
-        opening(middle - th[DEAD_UP], s_up, th[NOTCH], th[BEND], th[BEND2], o)
+        u1 = u1d = u1s = u1b = u1c = u1n = u1k = u1t = u1l = 0.0
+        u2 = u2d = u2s = u2b = u2c = u2n = u2k = u2t = u2l = u2r = 0.0
+        opening(middle - th[DEAD_UP], s_up, th[TAIL], th[NOTCH], th[BEND], th[BEND2], o)
         if o[0] > 0.0:
             orifice(o[0], supply - x[P1], turbulent, laminar, q)
             q1 += gu * q[0]
             u1, slope = flow * q[0], gu * q[1]
             q1x += slope * o[1]
             u1d, u1s, u1b, u1c = slope * o[1], slope * o[2] * rounds_up, slope * o[3], slope * o[4]
-            u1n = slope * o[5]
+            u1n, u1k = slope * o[5], slope * o[6]
             q1_1 -= gu * q[2]
             u1t, u1l = gu * q[3], gu * q[4]
         if four:
-            opening(middle - th[DEAD_UP] - th[SKEW_UP], s_up, th[NOTCH], th[BEND], th[BEND2], o)
+            opening(middle - th[DEAD_UP] - th[SKEW_UP], s_up, th[TAIL], th[NOTCH], th[BEND], th[BEND2], o)
             if o[0] > 0.0:
                 orifice(o[0], x[P2] - tank, turbulent, laminar, q)
                 behind_line(q, o[0], x[P2] - tank, gu, th[RETURN])
@@ -294,11 +300,11 @@ def tangent(
                 u2, slope = -flow * q[5], -gu * q[1]
                 q2x += slope * o[1]
                 u2d, u2s, u2b, u2c = slope * o[1], slope * o[2] * rounds_up, slope * o[3], slope * o[4]
-                u2n = slope * o[5]
+                u2n, u2k = slope * o[5], slope * o[6]
                 q2_2 -= gu * q[2]
                 u2t, u2l, u2r = -gu * q[3], -gu * q[4], -gu * q[6]
         d1 = d1d = d1s = d1r = d2 = d2d = d2s = 0.0
-        opening(-middle - th[DEAD_DN], s_dn, th[NOTCH], th[BEND], th[BEND2], o)
+        opening(-middle - th[DEAD_DN], s_dn, th[TAIL], th[NOTCH], th[BEND], th[BEND2], o)
         if o[0] > 0.0:
             orifice(o[0], x[P1] - tank, turbulent, laminar, q)
             behind_line(q, o[0], x[P1] - tank, gd, th[RETURN])
@@ -309,12 +315,13 @@ def tangent(
             u1b += slope * o[3]
             u1c += slope * o[4]
             u1n += slope * o[5]
+            u1k += slope * o[6]
             q1_1 -= gd * q[2]
             u1t -= gd * q[3]
             u1l -= gd * q[4]
             d1r = -gd * q[6]
         if four:
-            opening(-middle - th[DEAD_DN] - th[SKEW_DN], s_dn, th[NOTCH], th[BEND], th[BEND2], o)
+            opening(-middle - th[DEAD_DN] - th[SKEW_DN], s_dn, th[TAIL], th[NOTCH], th[BEND], th[BEND2], o)
             if o[0] > 0.0:
                 orifice(o[0], supply - x[P2], turbulent, laminar, q)
                 q2 += gd * q[0]
@@ -324,6 +331,7 @@ def tangent(
                 u2b += slope * o[3]
                 u2c += slope * o[4]
                 u2n += slope * o[5]
+                u2k += slope * o[6]
                 q2_2 -= gd * q[2]
                 u2t += gd * q[3]
                 u2l += gd * q[4]
@@ -439,6 +447,7 @@ def tangent(
                 S2[BEND] += k2 * u2b
                 S2[BEND2] += k2 * u2c
                 S2[NOTCH] += k2 * u2n
+                S2[TAIL] += k2 * u2k
                 S2[LN_TURBULENT] += k2 * turbulent * u2t
                 S2[LN_LAMINAR] += k2 * laminar * u2l
                 S2[LEAK] -= k2 * across
@@ -466,6 +475,7 @@ def tangent(
             S1[BEND] += k * u1b
             S1[BEND2] += k * u1c
             S1[NOTCH] += k * u1n
+            S1[TAIL] += k * u1k
             S1[LN_TURBULENT] += k * turbulent * u1t
             S1[LN_LAMINAR] += k * laminar * u1l
             S1[LEAK] += k * across

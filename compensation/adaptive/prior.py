@@ -68,6 +68,7 @@ from .leg import (
     SPRING,
     STATIC_DN,
     STATIC_UP,
+    TAIL,
     VISCOUS_DN,
     VISCOUS_UP,
     ZETA,
@@ -89,6 +90,7 @@ TABLE = np.array([
     (DEAD_DN, 0.06, 0.12, -0.6, 2.0, VOLTS, 0),
     (LN_ROUND, 0.012, 0.9, 1e-3, 0.2, VOLTS, 1),  # a fifth of the dead band that is expected: edges worn round, clearance
     (LN_ROUND_RATIO, 0.0, 0.3, -1.5, 1.5, ONE, 0),  # retracting edges over extending ones: worn unlike
+    (TAIL, 0.0, 0.5, 0.0, 1.0, ONE, 0),  # clearance and round corners: none until it shows
     (NOTCH, 0.0, 0.1, 0.0, 1.0, ONE, 0),  # share of the linear part that is missing: 1 in the quadratic law, Eq. 3.11
     (BEND, 0.0, 0.2, -0.6, 2.0, PER_VOLT, 0),  # ports neither straight nor round; of the quadratic law 1
     (BEND2, 0.0, 0.1, -0.3, 0.5, PER_VOLT2, 0),

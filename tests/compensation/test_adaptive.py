@@ -22,11 +22,11 @@ from hexsim.simulation import simulate
 
 TRUE = dict(
     ln_spool=math.log(60.0), zeta=0.7, amp_lag_s=7e-4, delay_s=3.1e-3, play_V=0.01, gain_up=1.0, gain_dn=0.95, dead_up_V=0.06,
-    dead_dn_V=0.05, ln_round_V=-4.0, bend=0.05, bend2=0.02, turbulent_Pa=6e4, laminar=50.0, leak=1e-12, leak_tank=1e-12, soft=0.2,
+    dead_dn_V=0.05, ln_round_V=-4.0, bend=0.05, bend2=0.02, ln_turbulent=math.log(6e4), ln_laminar=math.log(50.0), leak=1e-12, leak_tank=1e-12, soft=0.2,
     air=0.005, mass=50.0, hold=490.0, coulomb_up=80.0, coulomb_dn=70.0, static_up=30.0, static_dn=25.0, viscous_up=2000.0,
     viscous_dn=1700.0, ln_stribeck=math.log(5e-3), reg_m_s=3e-4, give_m_N=1.0 / 3e7, pressure_lag_s=4e-4,
     position_lag_s=3e-4, spring=2e3, ln_round_ratio=0.3, drift_V_s=0.0,
-    notch=0.1, return_line=5e8, skew_up_V=0.01, skew_dn_V=-0.01, leak_supply=5e-13,
+    notch=0.1, tail=0.3, return_line=5e8, skew_up_V=0.01, skew_dn_V=-0.01, leak_supply=5e-13,
     leak_supply_top=4e-13, leak_tank_top=6e-13,
 )  # fmt: skip
 PASS_s = 0.5  # within which the fit has seen what is now
