@@ -52,6 +52,7 @@ from .leg import (
     PLAY,
     REG,
     S_FOUR_WAY,
+    SPREAD,
     STATIC_DN,
     STATIC_UP,
     VISCOUS_DN,
@@ -484,9 +485,20 @@ def _work_tick(s):
         fit.of_window[:] = trial.numbers
         _drift(fit.of_window, age_s)
         fit.scale[N_NUMBERS + N_STATE :] = window.doubt_N
-        behind_backlash(window.volts, trial.numbers[PLAY], fit.arriving, fit.by_half)
+        behind_backlash(
+            window.volts, trial.numbers[PLAY], trial.numbers[SPREAD], fit.arriving, fit.by_half, fit.by_spread
+        )
         begin_window(
-            fit.x, fit.S, fit.of_window, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
+            fit.x,
+            fit.S,
+            fit.of_window,
+            s.sheet,
+            trial.start[n],
+            fit.arriving,
+            fit.by_half,
+            fit.by_spread,
+            fit.d_now,
+            fit.d_before,
         )
         fit.A[:, :] = 0.0
         fit.B[:, :] = 0.0
@@ -505,7 +517,7 @@ def _work_tick(s):
     if fit.at_tick < WINDOW:
         tick_window(
             fit.x, fit.S, k, fit.d_now, fit.d_before, fit.of_window, s.sheet, trial.start[n], fit.starts,
-            fit.arriving, fit.by_half, window.supply_Pa[k],
+            fit.arriving, fit.by_half, fit.by_spread, window.supply_Pa[k],
             window.load_N[k], fit.w,
         )  # fmt: skip
         return

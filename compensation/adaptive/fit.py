@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import exp, sqrt, tanh
 
-from ..compiled import compiled
+from ..compiled import compiled, inlined
 from .leg import (
     COULOMB_DN,
     COULOMB_UP,
@@ -29,6 +29,7 @@ from .leg import (
     REG,
     S_FOUR_WAY,
     S_TICK,
+    SPREAD,
     STATIC_DN,
     STATIC_UP,
     V,
@@ -46,6 +47,7 @@ KNOTS = WINDOW // KNOT
 N_START = N_STATE + KNOTS  # a window's own: its start state, and on a platform those errors [N]
 N_COLUMNS = N_NUMBERS + N_START
 MOST_RESIDUAL = 1e3  # standard deviations
+NARROW = 0.5  # of a valve's widest play: the mean of plays of every width below it, as magnetic hysteresis has
 SLOPE_TICKS = 12  # of the volts, by which the side of the backlash is told at first
 LAST = 8  # ticks back to which fourth differences of two ticks reach
 MOST_COLOUR = 0.9  # correlation from tick to tick: beyond, noise cannot be told from motion
@@ -53,27 +55,39 @@ LATE = 8  # ticks by which a position may be read late
 WARM = 24  # ticks that amplifier and spool move before a window begins: four lags of a spool of 25 Hz
 
 
+@inlined
+def _follow(follower, volts, half):
+    """Where a follower with a play of half width `half` is, and its derivative by that."""
+    if follower < volts - half:
+        return volts - half, -1.0
+    if follower > volts + half:
+        return volts + half, 1.0
+    return follower, 0.0
+
+
 @compiled
-def behind_backlash(volts, half, out, by_half):
-    """Volts (m,) behind a backlash of half width `half`, and their derivative by it."""
+def behind_backlash(volts, half, spread, out, by_half, by_spread):
+    """Volts (m,) behind the valve's hysteresis, and their derivatives by both: a play of half width `half`, and for a share `spread` one
+    of NARROW of it."""
     first = volts[0] - volts[SLOPE_TICKS]
-    side = 1.0 if first > 0.0 else -1.0  # moves down: the follower is above
-    out[0], by_half[0] = volts[0] + side * half, side
-    for i in range(1, len(volts)):
-        if out[i - 1] < volts[i] - half:
-            out[i], by_half[i] = volts[i] - half, -1.0
-        elif out[i - 1] > volts[i] + half:
-            out[i], by_half[i] = volts[i] + half, 1.0
-        else:
-            out[i], by_half[i] = out[i - 1], by_half[i - 1]
+    wide_by = narrow_by = 1.0 if first > 0.0 else -1.0  # moves down: the follower is above
+    wide, narrow = volts[0] + wide_by * half, volts[0] + narrow_by * NARROW * half
+    for i in range(len(volts)):
+        wide, moved = _follow(wide, volts[i], half)
+        wide_by = moved if moved != 0.0 else wide_by
+        narrow, moved = _follow(narrow, volts[i], NARROW * half)
+        narrow_by = moved if moved != 0.0 else narrow_by
+        out[i] = wide + spread * (narrow - wide)
+        by_half[i] = wide_by + spread * (NARROW * narrow_by - wide_by)
+        by_spread[i] = narrow - wide
 
 
 @compiled
-def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
+def begin_window(x, S, th, sheet, start, arriving, by_half, by_spread, d_now, d_before):
     """State and derivatives at a window's first tick. start: (y as it is read, v, P1, P2); arriving: volts (LEAD + WINDOW,) behind the
     backlash."""
     S[:, :] = 0.0
-    warm_spool(x, S, th, sheet, arriving, by_half, LEAD - WARM, LEAD, d_now, d_before)
+    warm_spool(x, S, th, sheet, arriving, by_half, by_spread, LEAD - WARM, LEAD, d_now, d_before)
     x[Y], x[V], x[P1], x[P2] = start[0] + th[POSITION_LAG] * start[1], start[1], start[2], start[3]
     x[M1], x[M2] = start[2], start[3]
     S[Y, N_NUMBERS] = S[V, N_NUMBERS + 1] = S[P1, N_NUMBERS + 2] = S[M1, N_NUMBERS + 2] = 1.0
@@ -92,12 +106,13 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
 
 
 @compiled
-def tick_window(x, S, k, d_now, d_before, th, sheet, start, starts, arriving, by_half, supply, extra, w):
+def tick_window(x, S, k, d_now, d_before, th, sheet, start, starts, arriving, by_half, by_spread, supply, extra, w):
     """One tick of a window, extra [N] by the other legs: k of 0 to WINDOW - 1. start (N_START,): of which `starts` count."""
     whole = int(th[DELAY] / sheet[S_TICK])
     split = th[DELAY] / sheet[S_TICK] - whole
     at = LEAD + k - whole
     d_now[PLAY], d_before[PLAY] = by_half[at], by_half[at - 1]
+    d_now[SPREAD], d_before[SPREAD] = by_spread[at], by_spread[at - 1]
     knot, columns = -1, N_NUMBERS + N_STATE
     if starts > N_STATE:
         extra += start[N_STATE + k // KNOT]

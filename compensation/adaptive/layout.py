@@ -58,7 +58,8 @@ FIT = record(
     colour=f, new=f, rough=(f, (2,)), rough_before=(f, (2,)), row_before=(f, (N_COLUMNS,)), residuals=(f, (LAST + 1,)),
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     late=(f, (LATE, 2)), late_S=(f, (LATE, 2, N_COLUMNS)),
-    arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
+    arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), by_spread=(f, (LEAD + WINDOW,)),
+    A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
     C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (N_SPACE,)), L=(f, (N_NUMBERS, N_NUMBERS)),
     proposed=(f, (N_NUMBERS,)), of_window=(f, (N_NUMBERS,)),
     before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
@@ -76,7 +77,7 @@ INVERSE = record(
     path2=(f, (AHEAD + 1, N_STATES)), H=(f, (AHEAD, AHEAD)), L=(f, (AHEAD, AHEAD)), step=(f, (AHEAD,)), U2=(f, (AHEAD,)),
     s=(f, (N_STATES,)), steady=(f, (AHEAD,)),
     w=(f, (N_SPACE,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
-    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
+    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), plays=(f, (3,)),
     whole=i,
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
@@ -91,8 +92,8 @@ EXPECTED = record(
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
 )  # fmt: skip
-# level: share of the probe; plain control's volts behind the backlash; what `_through_backlash` remembers
-PROBE = record(level=f, plain_V=f, played=f, side=f)
+# level: share of the probe; plain control's plays; those of `_through_hysteresis`
+PROBE = record(level=f, plain=(f, (2,)), plays=(f, (3,)))
 DAMPING = record(
     tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design
     taps=(f, (MAX_DAMPING_TAPS,)), deviation_Pa=(f, (MAX_DAMPING_TAPS,)), expected_Pa=(f, (MOST_DELAY + 1,)), gain=f, lag_s=f, wanted=i,

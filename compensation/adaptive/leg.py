@@ -1,8 +1,8 @@
 """The leg as the estimator knows it: one control tick, and its derivatives with respect to state, numbers and volts.
 
-Volts pass backlash, a delay (`arriving`), an amplifier's lag and the spool (second order). Edges are rounded (softplus), those of the
-two directions unlike, their opening may be bent; a four-way valve's four overlaps are unlike. Orifices turn from laminar to
-turbulent; the return line and leaks are laminar; oil is softened by air. Friction is Stribeck's
+Volts pass hysteresis (two plays), a delay (`arriving`), an amplifier's lag and the spool (second order). Edges are rounded, those of
+the two directions unlike, and close exponentially or with a clearance; their opening may be bent; a four-way valve's four overlaps are
+unlike. Orifices turn from laminar to turbulent; the return line and leaks are laminar; oil is softened by air. Friction is Stribeck's
 behind one bristle (LuGre without damping), regularised in velocity (steady: F = g tanh(v/reg) + viscous v):
 
     z' = v - v coth(v/reg) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs),   sigma = 1/give
@@ -28,16 +28,16 @@ SUBSTEPS = 10  # of a tick: 0.2 ms
 N_STATES = 10  # y to the pressures as measured
 (Y, V, P1, P2, X, XD, AMP, Z, M1, M2) = range(N_STATES)
 NAMES = (
-    "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
+    "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V", "spread",  # what acts on the spool first
     "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "ln_turbulent", "ln_laminar", "leak", "leak_tank",
     "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
     "reg_m_s", "give_m_N", "pressure_lag_s", "position_lag_s", "spring", "ln_round_ratio", "return_line", "drift_V_s", "notch", "tail",
     "skew_up_V", "skew_dn_V", "leak_supply", "leak_supply_top", "leak_tank_top",  # of a four-way valve alone
 )  # fmt: skip
-N_NUMBERS, N_SPOOL = len(NAMES), 5  # of these the first act on the spool
+N_NUMBERS, N_SPOOL = len(NAMES), 6  # of these the first act on the spool
 (
-    LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, LN_TURBULENT, LN_LAMINAR, LEAK,
-    LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, REG,
+    LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, SPREAD, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, LN_TURBULENT, LN_LAMINAR,
+    LEAK, LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, REG,
     GIVE, PRESSURE_LAG, POSITION_LAG, SPRING, LN_ROUND_RATIO, RETURN, DRIFT, NOTCH, TAIL, SKEW_UP, SKEW_DN,
     LEAK_SUPPLY, LEAK_SUPPLY_TOP, LEAK_TANK_TOP,
 ) = range(N_NUMBERS)  # fmt: skip
@@ -173,7 +173,7 @@ def spool_step(x, S, moving, numbers, u, share, by_delay, d_now, d_before, gain_
 
 
 @compiled
-def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before):
+def warm_spool(x, S, th, sheet, arriving, by_half, by_spread, first, last, d_now, d_before):
     """Amplifier and spool with their derivatives from tick `first` on, where they have followed arriving[first], to tick `last`."""
     h = sheet[S_TICK] / SUBSTEPS
     whole = int(th[DELAY] / sheet[S_TICK])
@@ -184,9 +184,11 @@ def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before)
     x[AMP] = x[X] = arriving[first - whole]
     x[XD] = 0.0
     S[AMP, PLAY] = S[X, PLAY] = by_half[first - whole]
+    S[AMP, SPREAD] = S[X, SPREAD] = by_spread[first - whole]
     for k in range(first, last):
         now, before = arriving[k - whole], arriving[k - whole - 1]
         d_now[PLAY], d_before[PLAY] = by_half[k - whole], by_half[k - whole - 1]
+        d_now[SPREAD], d_before[SPREAD] = by_spread[k - whole], by_spread[k - whole - 1]
         for i in range(SUBSTEPS):
             share = edge - i
             slope = (before - now) / h if share >= 0.0 and share < 1.0 else 0.0

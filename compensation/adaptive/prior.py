@@ -65,6 +65,7 @@ from .leg import (
     SKEW_DN,
     SKEW_UP,
     SOFT,
+    SPREAD,
     SPRING,
     STATIC_DN,
     STATIC_UP,
@@ -99,6 +100,7 @@ TABLE = np.array([
     (AMP_LAG, 5e-4, 8e-4, 0.0, 6e-3, ONE, 0),  # [s] a corner of 300 Hz
     (DELAY, 1e-3, 3e-3, 0.0, 0.0, ONE, 0),  # [s] of a bus; its highest: `fill_prior`
     (PLAY, 0.01, 0.015, 0.0, 0.2, VOLTS, 0),  # hysteresis of a torque motor
+    (SPREAD, 0.0, 0.3, 0.0, 0.9, ONE, 0),  # share of it that is a narrower one: none until it shows
     (DRIFT, 0.0, 1e-3, -0.02, 0.02, VOLTS, 0),  # [a second] of the null: a tenth of its spread in 10 s
     (SKEW_UP, 0.0, 0.02, -0.2, 0.2, VOLTS, 0),  # of a tank edge beside its supply edge: lands ground to 2 um
     (SKEW_DN, 0.0, 0.02, -0.2, 0.2, VOLTS, 0),

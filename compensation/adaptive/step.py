@@ -21,7 +21,7 @@ from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
 from .damping import damping_rate_1_s, damping_V, design_damping, oil_stiffness, start_damping, watch_damping
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
-from .fit import forward
+from .fit import NARROW, forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import HALVES, MOST_DELAY, QUEUE
 from .leg import (
@@ -49,6 +49,7 @@ from .leg import (
     S_FOUR_WAY,
     S_OWN,
     S_STROKE,
+    SPREAD,
     SPRING,
     VISCOUS_DN,
     VISCOUS_UP,
@@ -130,7 +131,7 @@ def _steady(x, s, y, v, numbers):
 
 @compiled
 def _invert(s):
-    """Volts of this tick, before the backlash's inverse."""
+    """Volts of this tick, before the hysteresis' inverse."""
     inv, ref = s.inverse, s.reference
     whole = int(s.numbers[DELAY] / s.settings.tick_s)
     for j in range(AHEAD + 1):
@@ -342,14 +343,21 @@ def _stakes(s):
 
 
 @compiled
-def _through_backlash(memory, volts, half):
-    """Volts whose play of half width `half` gives `volts`: on the side to which they move."""
-    if volts > memory.played:
-        memory.side = 1.0
-    elif volts < memory.played:
-        memory.side = -1.0
-    memory.played = volts
-    return volts + memory.side * half
+def _through_hysteresis(plays, volts, half, spread):
+    """What to send so that the valve's hysteresis (`behind_backlash`) gives `volts`. plays (3,): what both plays give; what was sent."""
+    wide, narrow = plays[0], plays[1]
+    given = wide + spread * (narrow - wide)
+    sign = 1.0 if volts > given else (-1.0 if volts < given else 0.0)
+    reach = NARROW * half
+    if sign != 0.0:  # the narrow play moves first, and the other one with it from where it takes hold
+        sent = volts + sign * (half + spread * (reach - half))
+        if spread > 0.0:
+            alone = (volts - wide) / spread + wide + sign * reach
+            sent = min(sent, alone) if sign > 0.0 else max(sent, alone)
+        plays[2] = sent
+    sent = plays[2]
+    plays[0], plays[1] = min(max(wide, sent - half), sent + half), min(max(narrow, sent - reach), sent + reach)
+    return sent
 
 
 @compiled
@@ -399,12 +407,13 @@ def _probe(s):
 
 
 @compiled
-def _probe_through_backlash(s, control_V, volts):
-    """What to add to plain control so that the valve moves by `volts` more: a backlash swallows what is smaller than itself. Of its half
+def _probe_through_hysteresis(s, control_V, volts):
+    """What to add to plain control so that the valve moves by `volts` more: hysteresis swallows what is smaller than itself. Of its half
     width only what is certain is made up for, two standard deviations less: too much would be felt."""
-    probe, half = s.probe, max(s.numbers[PLAY] - 2.0 * _sd(s, PLAY), 0.0)
-    probe.plain_V = min(max(probe.plain_V, control_V - half), control_V + half)
-    sent = _through_backlash(probe, probe.plain_V + volts, half)
+    plain, half, spread = s.probe.plain, max(s.numbers[PLAY] - 2.0 * _sd(s, PLAY), 0.0), s.numbers[SPREAD]
+    plain[0] = min(max(plain[0], control_V - half), control_V + half)
+    plain[1] = min(max(plain[1], control_V - NARROW * half), control_V + NARROW * half)
+    sent = _through_hysteresis(s.probe.plays, plain[0] + spread * (plain[1] - plain[0]) + volts, half, spread)
     return sent - control_V if volts != 0.0 else 0.0
 
 
@@ -473,8 +482,8 @@ def tick_of(
     step = settings.tick_s / RAMP_S
     doubted = s.share == 0.0 and e.halves > 0 and knows and not wants
     s.probe.level = min(max(s.probe.level + (step if doubted else -step), 0.0), 1.0)
-    probe = _probe_through_backlash(s, control_V, s.probe.level * _probe(s)) if s.probe.level > 0.0 else 0.0
-    total = _through_backlash(inv, volts, s.numbers[PLAY]) - _damp(s, bottom_Pa, top_Pa)
+    probe = _probe_through_hysteresis(s, control_V, s.probe.level * _probe(s)) if s.probe.level > 0.0 else 0.0
+    total = _through_hysteresis(inv.plays, volts, s.numbers[PLAY], s.numbers[SPREAD]) - _damp(s, bottom_Pa, top_Pa)
     lag = s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
     pressure = s.damping.expected_Pa[inv.whole]
     own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V

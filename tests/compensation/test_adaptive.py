@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 import compensation
 from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_plain
 from compensation import Context
-from compensation.adaptive import Adaptive, damping, estimator, fit, prior
+from compensation.adaptive import Adaptive, damping, estimator, fit, prior, step
 from compensation.adaptive import leg as model
 from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
@@ -21,8 +21,9 @@ from hexsim.machine.files import changed
 from hexsim.simulation import simulate
 
 TRUE = dict(
-    ln_spool=math.log(60.0), zeta=0.7, amp_lag_s=7e-4, delay_s=3.1e-3, play_V=0.01, gain_up=1.0, gain_dn=0.95, dead_up_V=0.06,
-    dead_dn_V=0.05, ln_round_V=-4.0, bend=0.05, bend2=0.02, ln_turbulent=math.log(6e4), ln_laminar=math.log(50.0), leak=1e-12, leak_tank=1e-12, soft=0.2,
+    ln_spool=math.log(60.0), zeta=0.7, amp_lag_s=7e-4, delay_s=3.1e-3, play_V=0.01, spread=0.3, gain_up=1.0, gain_dn=0.95, dead_up_V=0.06,
+    dead_dn_V=0.05, ln_round_V=-4.0, bend=0.05, bend2=0.02, ln_turbulent=math.log(6e4),
+    ln_laminar=math.log(50.0), leak=1e-12, leak_tank=1e-12, soft=0.2,
     air=0.005, mass=50.0, hold=490.0, coulomb_up=80.0, coulomb_dn=70.0, static_up=30.0, static_dn=25.0, viscous_up=2000.0,
     viscous_dn=1700.0, ln_stribeck=math.log(5e-3), reg_m_s=3e-4, give_m_N=1.0 / 3e7, pressure_lag_s=4e-4,
     position_lag_s=3e-4, spring=2e3, ln_round_ratio=0.3, drift_V_s=0.0,
@@ -32,6 +33,7 @@ TRUE = dict(
 PASS_s = 0.5  # within which the fit has seen what is now
 OUTSIDE = (
     "play_V",
+    "spread",
     "position_lag_s",
     "drift_V_s",
 )  # before and behind the leg: of the volts that reach it, and of what is read
@@ -113,16 +115,17 @@ def test_a_window_knows_what_its_start_does(four_way) -> None:
     """A window's derivatives by its own start are the central differences of its ticks; the top pressure of a three-way leg, which is the
     supply's, does nothing, so that no force is made of it."""
     sheet, numbers = _sheet(four_way), np.array([TRUE[name] for name in model.NAMES])
-    volts, half = 0.3 * np.cos(np.arange(fit.LEAD + fit.WINDOW) / 9.0), np.zeros(fit.LEAD + fit.WINDOW)
+    volts = 0.3 * np.cos(np.arange(fit.LEAD + fit.WINDOW) / 9.0)
+    by_play = np.zeros((2, fit.LEAD + fit.WINDOW))
     start = np.zeros(fit.N_START)
     start[:4] = 0.1, 0.02, *((3.5e6, (3.5e6 * AREA_BOTTOM - 490.0) / AREA_TOP) if four_way else (3.45e6, 7e6))
 
     def end(moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, S, none = np.zeros(model.N_STATES), np.zeros((model.N_STATES, fit.N_COLUMNS)), np.zeros((2, fit.N_COLUMNS))
-        fit.begin_window(x, S, numbers, sheet, moved, volts, half, *none)
+        fit.begin_window(x, S, numbers, sheet, moved, volts, *by_play, *none)
         for k in range(30):
             fit.tick_window(
-                x, S, k, *none, numbers, sheet, moved, fit.N_STATE, volts, half, 7e6, 30.0, np.zeros(model.N_SPACE)
+                x, S, k, *none, numbers, sheet, moved, fit.N_STATE, volts, *by_play, 7e6, 30.0, np.zeros(model.N_SPACE)
             )
         return x, S
 
@@ -133,6 +136,44 @@ def test_a_window_knows_what_its_start_does(four_way) -> None:
         slope = ((end(start + step)[0] - end(start - step)[0]) / (2 * d))[seen]
         assert np.allclose(S[seen, model.N_NUMBERS + k], slope, rtol=5e-3, atol=1e-6 * np.abs(slope).max())
     assert four_way or not S[:, model.N_NUMBERS + 3].any()
+
+
+def _behind(volts: np.ndarray, half: float, spread: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    out, by_half, by_spread = np.empty((3, len(volts)))
+    fit.behind_backlash(volts, half, spread, out, by_half, by_spread)
+    return out, by_half, by_spread
+
+
+def _plays(volts: np.ndarray, half: float, spread: float) -> np.ndarray:
+    """Two plays, written as a follower each."""
+    total = np.zeros(len(volts))
+    for width, weight in ((half, 1.0 - spread), (0.5 * half, spread)):
+        at = volts[0] + (width if volts[1] < volts[0] else -width)
+        for i, volt in enumerate(volts):
+            at = volt - width if volt - width > at else (volt + width if volt + width < at else at)
+            total[i] += weight * at
+    return total
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.4])
+def test_hysteresis_is_two_plays_and_is_inverted_exactly(spread) -> None:
+    """Volts behind the hysteresis are those of two plays, their derivatives are central differences, and what the inverse sends for a
+    motion with small loops within large ones comes out behind two plays as it was asked for."""
+    k = np.arange(600)
+    volts = 0.3 * np.cos(k / 60.0) + 0.03 * np.sin(k / 7.0)
+    out, by_half, by_spread = _behind(volts, 0.02, spread)
+    assert np.allclose(out, _plays(volts, 0.02, spread), atol=1e-15)
+    d = 1e-7
+    for slope, first, second in (
+        (by_half, (0.02 + d, spread), (0.02 - d, spread)),
+        (by_spread, (0.02, spread + d), (0.02, spread - d)),
+    ):
+        there = (_behind(volts, *first)[0] - _behind(volts, *second)[0]) / (2 * d)
+        assert np.isclose(slope, there, atol=1e-6).mean() > 0.99  # but where a play takes hold within the difference
+    plays = np.zeros(3)
+    sent = np.array([step._through_hysteresis(plays, volt, 0.02, spread) for volt in volts])
+    assert np.allclose(_plays(sent, 0.02, spread)[1:], volts[1:], atol=1e-14)
+    assert np.ptp(sent - volts) > 0.01
 
 
 def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
