@@ -109,6 +109,7 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
             extra[i],
             -1,
             max(blunt * (i / (AHEAD - 1.0)) ** 2, LEAST_BLUNT_V),  # the next ticks have been solved for many times
+            1.0,
             w,
         )
         for j in range(i + 1):

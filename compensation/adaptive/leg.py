@@ -216,13 +216,15 @@ def tangent(
     extra,
     knot,
     blunt_V,
+    falls,
     w,
 ):
     """`tick`, and S (N_STATES, n) with it, the state's derivatives by whatever its columns are.
 
     moving: how many columns, the first, move the spool; those behind are zero there. numbers: whether the first N_NUMBERS columns
     are the leg's numbers, which act directly too. d_now, d_before (n,): of now_V and before_V. gain_y: volts that a position loop
-    takes off per metre of y. knot: column of the derivative by `extra` at this tick, or -1. Everything else as in `tick`.
+    takes off per metre of y. knot: column of the derivative by `extra` at this tick, or -1. falls: 1; 0: without what the
+    fall of friction with speed does to them, for stick-slip, which it starts, is bounded. Everything else as in `tick`.
     """
     h = sheet[S_TICK] / SUBSTEPS
     a1, a2, four = sheet[S_A1], sheet[S_A2], sheet[S_FOUR_WAY] != 0.0
@@ -357,7 +359,7 @@ def tangent(
         # v1 = (v + h drive/m)/below: by den: sigma z/den^2 h/m /below + v1 sigma h^2/(m den^2)/below
         hb = h / (m * below)
         v_den = hb * (sigma * z + v1 * sigma * h) / (den * den)
-        g_v = -th[static] * fade / cs * (1.0 if up else -1.0) * free
+        g_v = -falls * th[static] * fade / cs * (1.0 if up else -1.0) * free
         den_v = h * sigma / g * vr_v - (den - 1.0) / g * g_v
         den_g = -(den - 1.0) / g * free
         v_v = 1.0 / below + v_den * den_v
@@ -506,4 +508,4 @@ def tangent(
 def tick(x, none, th, sheet, now_V, before_V, split, supply, extra, w):
     """`tangent` without derivatives: x is advanced by a tick. none: any array (N_STATES, n), which is left as it is."""
     row = none[Y]
-    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, extra, -1, 0.0, w)
+    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, extra, -1, 0.0, 1.0, w)

@@ -265,6 +265,7 @@ def _expect(s, volts, left, setpoint_m, forward_V):
         extra,
         -1,
         0.0,
+        0.0,
         e.w,
     )
     for j in range(N_NUMBERS):

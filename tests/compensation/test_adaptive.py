@@ -69,7 +69,7 @@ def _ticks(
         else:
             none = np.zeros(S.shape[1])
             model.tangent(
-                x, S, S.shape[1], model.N_SPOOL, True, numbers, sheet, now, before, split, none, none, 0.0, 7e6, 30.0, -1, 0.0, space
+                x, S, S.shape[1], model.N_SPOOL, True, numbers, sheet, now, before, split, none, none, 0.0, 7e6, 30.0, -1, 0.0, 1.0, space
             )  # fmt: skip
     return x
 
