@@ -796,7 +796,7 @@ def _settle(s):
     if fit.seen > fit.tries_seen + WINDOWS and BETTER * (fit.throughout - 1.0) > fit.tried - 1.0:
         fit.tries, fit.tries_seen = 0, fit.seen
     stays = fit.best.cost > BETTER * fit.first_cost
-    if not fit.was_known and fit.throughout > KNOWN_LEG and stays and fit.count == WINDOWS and fit.tries < TRIES:
+    if fit.throughout > KNOWN_LEG and stays and fit.count == WINDOWS and fit.tries < TRIES:
         fit.settled, fit.tried = 0, fit.throughout
         _begin_try(s)
 

@@ -119,7 +119,8 @@ def tick_window(x, S, k, d_now, d_before, th, sheet, start, starts, arriving, by
         knot = columns + k // KNOT
         columns = knot + 1
     tangent(
-        x, S, columns, N_SPOOL, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, extra, knot, 0.0, 1.0, w
+        x, S, columns, N_SPOOL, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, extra, knot, 0.0,
+        1.0, w,
     )  # fmt: skip
 
 

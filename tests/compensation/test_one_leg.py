@@ -38,7 +38,8 @@ def declared(**changes: float) -> tuple[np.ndarray, np.ndarray]:
     sheet[leg.S_FLOW] = 0.611 * math.pi * 0.01 * V_TO_M * math.sqrt(2.0 / 860.0)
     known = {
         "ln_spool": math.log(60.0), "zeta": 0.7, "gain_up": 1.0, "gain_dn": 1.0, "dead_up_V": 5e-6 / V_TO_M,
-        "dead_dn_V": 5e-6 / V_TO_M, "ln_round_V": math.log(ROUNDING_m / V_TO_M), "ln_turbulent": math.log(1e4), "ln_laminar": -20.0, "mass": 40.0,
+        "dead_dn_V": 5e-6 / V_TO_M, "ln_round_V": math.log(ROUNDING_m / V_TO_M), "ln_turbulent": math.log(1e4),
+        "ln_laminar": -20.0, "mass": 40.0,
         "hold": 40.0 * 9.8, "coulomb_up": 65.0, "coulomb_dn": 60.0, "static_up": 30.0, "static_dn": 30.0,
         "viscous_up": 2200.0, "viscous_dn": 1800.0, "ln_stribeck": math.log(5e-3), "reg_m_s": 2e-4,
         "give_m_N": 1.0 / 3e8,
