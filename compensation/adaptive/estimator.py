@@ -72,7 +72,7 @@ LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of o
 STAGE_GAIN = 1.0  # the same before the last stage: one standard deviation of one number, in a noise that is too large
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 # of a stage's first step, over the diagonal: numbers that trade need nearly none, and before they are settled their doubt is no doubt
-DAMPING, FIRST_DAMPING = 1e-4, 1e-3
+DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-4, 1e-3, 1e3
 ROUNDS = 6  # of a step, in which numbers meet their bounds
 # misfit from which the leg is not one that the model knows: what it lacks is as much as the noise. Below, doubt grows with it; of all
 # windows but one, also that from which other minima are tried. With 4, legs of too slow a spool engaged with 15 times the bump
@@ -534,7 +534,7 @@ def _work_tick(s):
 
 @compiled
 def _propose(s):
-    """A step from the best pass into `trial`, damped; False where there is none. A number that would leave its bounds stays on the
+    """A step from the best pass into `trial`, damped; False where it promises none. A number that would leave its bounds stays on the
     bound, and the others are solved for again."""
     fit, best = s.fit, s.fit.best
     fit.held[:] = 0.0
@@ -575,6 +575,8 @@ def _propose(s):
         for b in range(a):
             pull += 2.0 * best.H[a, b] * fit.a[b]
         fit.gain += (2.0 * best.g[a] - pull) * fit.a[a]
+    if fit.gain < 0.0:  # what numbers held on bounds ask of the others
+        return False
     for n in range(fit.count):
         fit.scale[N_NUMBERS + N_STATE :] = s.windows[n].doubt_N
         for j in range(fit.starts):
@@ -802,6 +804,13 @@ def _settle(s):
 
 
 @compiled
+def _damp_more(fit):
+    """A shorter step is tried next. Returns whether it is one at all."""
+    fit.damping = max(8.0 * fit.damping, FIRST_DAMPING)
+    return fit.damping <= MOST_DAMPING
+
+
+@compiled
 def _end_pass(s):
     """A pass is over: keep it or not, and what comes next."""
     fit, trial = s.fit, s.fit.trial
@@ -829,8 +838,7 @@ def _end_pass(s):
             if is_known_leg(fit.chi2):  # otherwise not before it has settled
                 _keep_known(s)
     else:
-        fit.damping = max(8.0 * fit.damping, 1e-3)
-        done = done or fit.damping > 1e3
+        done = not _damp_more(fit) or done
     if done:
         _end_stage(s)
 
@@ -882,7 +890,8 @@ def work(s):
                 _start_pass(s, fit.proposed, True)
             else:
                 if not _propose(s):
-                    fit.damping = max(8.0 * fit.damping, 1e-3)
+                    if not _damp_more(fit):
+                        _end_stage(s)
                     return
                 if fit.step > 1 and fit.gain < (LEAST_GAIN if fit.stage == LAST_STAGE else STAGE_GAIN):
                     _end_stage(s)

@@ -378,8 +378,8 @@ def test_the_four_edges_and_leaks_of_a_four_way_valve_are_its_own() -> None:
 
 def test_what_is_known_grows_with_time(compensated) -> None:
     """Twice the time makes the standard deviations of spool and viscous friction smaller by about its root: windows that are gone
-    still count. They fade within half a minute, so that it is less. Edges are known to 0.4 mV in half of it: there their drift is the limit, and
-    how they close."""
+    still count. They fade within half a minute, so that it is less. Edges are known to 0.4 mV in half of it: there their drift is the
+    limit, and how they close."""
     made, leg, done, _ = compensated
     early, late = _spread(made, run(made, leg, duration_s=10.0).state), _spread(made, done.state)
     shown = [model.NAMES.index(name) for name in ("ln_spool", "viscous_up", "viscous_dn")]
