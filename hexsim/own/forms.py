@@ -332,14 +332,7 @@ def memories(
     ]
 
 
-def loosened(
-    tables: ModelTables,
-    effect: Candidate,
-    sizes: Callable[[str, str], Sizes],
-    *,
-    share: float = 1.0
-    / 3.0,  # of what it does, standard deviation of its form's error: at three it would change its sign
-) -> Candidate:
+def loosened(tables: ModelTables, effect: Candidate, sizes: Callable[[str, str], Sizes]) -> Candidate:
     """The effect where its form is not quite right: what it does times 1 + slope, bend and sides over each of its own signals,
     numbers that are 0 but for a share. Itself where it has no signals, and so no form."""
     own = effect.signals | effect.names_in([effect.memory[1].of] if effect.memory else [])
