@@ -6,16 +6,15 @@ up for the valve's lag (damping_design.py), which is that of the identified leg.
 
 from __future__ import annotations
 
-from math import exp, pi, sqrt
+from math import pi, sqrt
 
 from ..arithmetic import clip, dot, push
 from ..compiled import compiled
-from ..damping_design import DESIGN, damping_filter, next_damping_gain
+from ..damping_design import damping_filter, next_damping_gain
 from .leg import (
     AIR,
     AMP_LAG,
     DELAY,
-    LN_STRIBECK,
     MASS,
     P1,
     P2,
@@ -29,8 +28,6 @@ from .leg import (
     S_V1,
     S_V2,
     SOFT,
-    STATIC_DN,
-    STATIC_UP,
     VISCOUS_DN,
     VISCOUS_UP,
     ZETA,
@@ -91,20 +88,10 @@ def damping_rate_1_s(n, sheet, noise_Pa, bump2):
     """Rate at which an oscillation is let out: as high as the noise of the pressure allows.
 
     White noise of variance R a tick T, let out at a rate g, keeps a mode at the pressure variance g T R/2; PEAK standard deviations of
-    that acceleration are at most NOISE_SHARE of the bump that is expected anyway, its square bump2.
+    that acceleration are at most NOISE_SHARE of the bump that is expected anyway or that nobody feels, its square bump2.
     """
     push_m_s2 = PEAK / NOISE_SHARE * sheet[S_A1] * noise_Pa / (n[MASS] * sheet[S_OWN])
     return min(RATE_1_S, 2.0 * bump2 / (sheet[S_TICK] * push_m_s2 * push_m_s2))
-
-
-@compiled
-def stick_slip_1_s(n, sheet, v):
-    """Rate at which an oscillation about a speed v grows where friction falls with speed, by what the filter passes least at the
-    resonance: at which oil is to be let out. Negative where friction rises."""
-    up = v >= 0.0
-    static, viscous = n[STATIC_UP if up else STATIC_DN], n[VISCOUS_UP if up else VISCOUS_DN]
-    fall = static * exp(-abs(v) / exp(n[LN_STRIBECK])) / exp(n[LN_STRIBECK]) - viscous
-    return fall / (n[MASS] * sheet[S_OWN] * DESIGN.least_near)
 
 
 @compiled

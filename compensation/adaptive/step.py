@@ -19,16 +19,7 @@ from math import exp, pi, sin, sqrt
 from ..compiled import compiled
 from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
-from .damping import (
-    RATE_1_S,
-    damping_rate_1_s,
-    damping_V,
-    design_damping,
-    oil_stiffness,
-    start_damping,
-    stick_slip_1_s,
-    watch_damping,
-)
+from .damping import damping_rate_1_s, damping_V, design_damping, oil_stiffness, start_damping, watch_damping
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
 from .fit import NARROW, forward
 from .inverse import AHEAD, improve, keep_first, low_pass
@@ -212,8 +203,8 @@ def _damp(s, bottom_Pa, top_Pa):
     own = settings.pressure_gain_V_per_Pa
     if sheet[S_FOUR_WAY] != 0.0:
         own *= 1.0 + (sheet[S_A2] / sheet[S_A1]) ** 3
-    rate = damping_rate_1_s(s.numbers, sheet, s.past.noise_Pa, s.expected.sigma2 + s.expected.left2)
-    rate = min(max(rate, stick_slip_1_s(s.numbers, sheet, x[V])), RATE_1_S)
+    bump2 = max(s.expected.sigma2 + s.expected.left2, PERCEIVED_m_s2**2)
+    rate = damping_rate_1_s(s.numbers, sheet, s.past.noise_Pa, bump2)
     return damping_V(d, rate, oil_stiffness(s.numbers, sheet, x, s.inverse.w), sheet[S_A1], 0.5 * (up + down), own)
 
 
