@@ -126,14 +126,20 @@ def slow_noise(rng: np.random.Generator, n: int, corner: float) -> np.ndarray:
     return y
 
 
-def drive(rng: np.random.Generator, what: str, place: Path) -> None:
+def oscillator(rng: np.random.Generator) -> tuple[float, float, float, float, float]:
+    """Mass, natural frequency [rad/s], gain, stiffness and damping of a drive."""
     mass, w0, zeta, gain = (
         rng.uniform(0.5, 5),
         2 * np.pi * rng.uniform(0.3, 1.5),
         rng.uniform(0.1, 0.5),
         rng.uniform(5, 20),
     )
-    k, c, dt, n = mass * w0**2, 2 * zeta * mass * w0, 0.02, 900
+    return mass, w0, gain, mass * w0**2, 2 * zeta * mass * w0
+
+
+def drive(rng: np.random.Generator, what: str, place: Path) -> None:
+    mass, w0, gain, k, c = oscillator(rng)
+    dt, n = 0.02, 900
     force, reach = gain, gain / k
     speed, share = w0 * reach, rng.uniform(0.08, 0.3)
     noise, process = rng.uniform(0.002, 0.02) * reach, rng.uniform(0.0, 0.03) * force

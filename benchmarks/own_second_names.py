@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from own_calibration import DRIVE, FINE, RUNS, motion, slow_noise
+from own_calibration import DRIVE, FINE, RUNS, motion, oscillator, slow_noise
 
 from hexsim.own.folder import load_simulated
 from hexsim.own.trace import OwnTrace, trace_own
@@ -41,13 +41,8 @@ NEAR = {
 
 
 def drive(rng: np.random.Generator, missing: tuple[str, ...], place: Path) -> None:
-    mass, w0, zeta, gain = (
-        rng.uniform(0.5, 5),
-        2 * np.pi * rng.uniform(0.3, 1.5),
-        rng.uniform(0.1, 0.5),
-        rng.uniform(5, 20),
-    )
-    k, c, dt, n = mass * w0**2, 2 * zeta * mass * w0, 0.02, 900
+    mass, w0, gain, k, c = oscillator(rng)
+    dt, n = 0.02, 900
     reach, speed, share = gain / k, w0 * gain / k, rng.uniform(0.12, 0.3)
     noise, process = rng.uniform(0.002, 0.008) * reach, rng.uniform(0.0, 0.01) * gain
     dry, h = (0.5 * share * gain if "Coulomb friction" in missing else 0.0), dt / FINE

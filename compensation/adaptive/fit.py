@@ -56,7 +56,7 @@ WARM = 24  # ticks that amplifier and spool move before a window begins: four la
 
 
 @inlined
-def _follow(follower, volts, half):
+def follow(follower, volts, half):
     """Where a follower with a play of half width `half` is, and its derivative by that."""
     if follower < volts - half:
         return volts - half, -1.0
@@ -73,9 +73,9 @@ def behind_backlash(volts, half, spread, out, by_half, by_spread):
     wide_by = narrow_by = 1.0 if first > 0.0 else -1.0  # moves down: the follower is above
     wide, narrow = volts[0] + wide_by * half, volts[0] + narrow_by * NARROW * half
     for i in range(len(volts)):
-        wide, moved = _follow(wide, volts[i], half)
+        wide, moved = follow(wide, volts[i], half)
         wide_by = moved if moved != 0.0 else wide_by
-        narrow, moved = _follow(narrow, volts[i], NARROW * half)
+        narrow, moved = follow(narrow, volts[i], NARROW * half)
         narrow_by = moved if moved != 0.0 else narrow_by
         out[i] = wide + spread * (narrow - wide)
         by_half[i] = wide_by + spread * (NARROW * narrow_by - wide_by)

@@ -20,7 +20,7 @@ State (N_STATES,): y, v, P1, P2, spool [V], its rate, amplifier [V], bristle [m]
 
 from __future__ import annotations
 
-from math import exp, log1p, sqrt
+from math import exp, log, log1p, sqrt
 
 from ..compiled import compiled, inlined
 
@@ -48,7 +48,7 @@ N_SHEET = 14  # places in a sheet (N_SHEET,): what is declared
 N_SPACE = 18  # of an opening, an orifice and a chamber, with their derivatives
 ATMOSPHERE_Pa = 1.0e5  # of free air, as its share is counted
 LEAST_PRESSURE_Pa = 1.0e4  # below, oil boils, which this leg does not know
-CORNER = 0.6931471805599453  # ln 2
+CORNER = log(2.0)  # an edge is open by this times its rounding where it begins to open
 LEAST_COLUMN_m = 1e-3  # of oil, so that a reading beyond an end of the stroke has a volume
 
 

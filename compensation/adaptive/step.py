@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from math import exp, pi, sin, sqrt
 
-from ..compiled import compiled
+from ..compiled import compiled, inlined
 from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
 from .damping import damping_rate_1_s, damping_V, design_damping, oil_stiffness, start_damping, watch_damping
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
-from .fit import NARROW, forward
+from .fit import NARROW, follow, forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import HALVES, MOST_DELAY, QUEUE
 from .leg import (
@@ -344,22 +344,31 @@ def _stakes(s):
     return e.bump2, e.sigma2 + e.left2 + _lacking2(s)
 
 
+@inlined
+def _given(plays, spread):
+    """Volts behind both plays of the valve's hysteresis (`behind_backlash`); plays: what the wide and the narrow one give."""
+    return plays[0] + spread * (plays[1] - plays[0])
+
+
+@inlined
+def _move_plays(plays, volts, half):
+    """Both plays under volts."""
+    plays[0], plays[1] = follow(plays[0], volts, half)[0], follow(plays[1], volts, NARROW * half)[0]
+
+
 @compiled
 def _through_hysteresis(plays, volts, half, spread):
-    """What to send so that the valve's hysteresis (`behind_backlash`) gives `volts`. plays (3,): what both plays give; what was sent."""
-    wide, narrow = plays[0], plays[1]
-    given = wide + spread * (narrow - wide)
+    """What to send so that the valve's hysteresis gives `volts`. plays (3,): what both plays give; what was sent."""
+    given, wide, reach = _given(plays, spread), plays[0], NARROW * half
     sign = 1.0 if volts > given else (-1.0 if volts < given else 0.0)
-    reach = NARROW * half
     if sign != 0.0:  # the narrow play moves first, and the other one with it from where it takes hold
         sent = volts + sign * (half + spread * (reach - half))
         if spread > 0.0:
             alone = (volts - wide) / spread + wide + sign * reach
             sent = min(sent, alone) if sign > 0.0 else max(sent, alone)
         plays[2] = sent
-    sent = plays[2]
-    plays[0], plays[1] = min(max(wide, sent - half), sent + half), min(max(narrow, sent - reach), sent + reach)
-    return sent
+    _move_plays(plays, plays[2], half)
+    return plays[2]
 
 
 @compiled
@@ -413,9 +422,8 @@ def _probe_through_hysteresis(s, control_V, volts):
     """What to add to plain control so that the valve moves by `volts` more: hysteresis swallows what is smaller than itself. Of its half
     width only what is certain is made up for, two standard deviations less: too much would be felt."""
     plain, half, spread = s.probe.plain, max(s.numbers[PLAY] - 2.0 * _sd(s, PLAY), 0.0), s.numbers[SPREAD]
-    plain[0] = min(max(plain[0], control_V - half), control_V + half)
-    plain[1] = min(max(plain[1], control_V - NARROW * half), control_V + NARROW * half)
-    sent = _through_hysteresis(s.probe.plays, plain[0] + spread * (plain[1] - plain[0]) + volts, half, spread)
+    _move_plays(plain, control_V, half)
+    sent = _through_hysteresis(s.probe.plays, _given(plain, spread) + volts, half, spread)
     return sent - control_V if volts != 0.0 else 0.0
 
 
