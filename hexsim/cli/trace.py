@@ -77,7 +77,7 @@ def trace(
     json: options.Json = False,
 ) -> None:
     """Identify the physical effect that the declared machine is missing in measured logs, if it is missing one."""
-    from hexsim.tracing.own.folder import is_own
+    from hexsim.own.folder import model_file
 
     if list_effects:
         return explain_effects.print_library(json)
@@ -97,7 +97,7 @@ def trace(
         return told(*resumed(resume, next_file, recording), json)
     if machine is None:
         raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
-    if is_own(machine):
+    if model_file(machine) is not None:
         if mapping is not None:
             raise HexsimError("a machine with balances of its own has its mapping.toml in its folder: put it there")
         return own_machine.trace(machine, fit or [], validate or [], out, json)

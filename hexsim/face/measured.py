@@ -162,11 +162,11 @@ def trace(
     >>> result  # doctest: +SKIP
     <TraceResult of bench_leakage: explained: leakage_supply_to_chamber in leg 1>
     """
-    from hexsim.tracing.own.folder import is_own
+    from hexsim.own.folder import model_file
     from hexsim.tracing.trace import trace as run_trace
 
     place = Path(path_of(folder, "the folder of a machine", "tests/data/bench_leakage"))
-    if is_own(place):
+    if model_file(place) is not None:
         raise HexsimError(f"{place} has balances of its own: trace it with `hexsim trace {place}`")
     if load_kg is not None and not is_number(load_kg):
         raise HexsimError(f"load_kg is {shown(load_kg)}: give a mass in kg")

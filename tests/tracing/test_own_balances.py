@@ -273,20 +273,13 @@ def test_command_line(tmp_path):
     assert report["balances"][0]["named"] == ["relief"]
 
 
-def test_balances_in_python(tmp_path):
-    """balances.py with BALANCES and point(path)."""
+def test_a_folder_runs_no_code(tmp_path):
+    """A balances.py beside the logs is not run, with a balances.toml or without, and is no machine."""
     folder = folder_of(tmp_path)
+    (folder / "balances.py").write_text("raise SystemExit('it was run')\n")
+    trace_folder(folder)
     (folder / "balances.toml").unlink()
-    (folder / "balances.py").write_text(
-        "from hexsim.readers import read_log\n"
-        "from hexsim.signals.weak_form import Window\n"
-        "from hexsim.tracing.term_regression import OwnBalance, Point, Term\n"
-        "BALANCES = (OwnBalance(name='flow', unit='m3/s', target=lambda p: p.mean(p['flow_m3_s']),\n"
-        "    terms=(Term(name='area', unit='m2', column=lambda p: p.mean(p['speed_m_s']), declared=1e-3, uncertainty=2e-5),),\n"
-        "    candidates=(Term(name='leak', unit='m3/s/Pa', column=lambda p: p.mean(p['p_Pa']), sign=1),)),)\n"
-        "def point(path):\n"
-        "    log = read_log(path)\n"
-        "    return Point(log=log, window=Window(log.rate, 0.05))\n"
-    )
-    _, (trace,), _ = trace_folder(folder)
-    assert trace.verdict.named == ("leak",)
+    with pytest.raises(HexsimError, match=r"there is no model.toml and no balances.toml"):
+        trace_folder(folder)
+    shown = CliRunner().invoke(app, ["trace", str(folder), "--out", str(tmp_path / "out")])
+    assert shown.exit_code == 2 and "it was run" not in shown.output

@@ -1,33 +1,25 @@
-"""A machine of one's own as a folder: balances.toml (or balances.py) with its balances, mapping.toml, logs.
+"""A machine of one's own as a folder: balances.toml with its balances, mapping.toml, logs.
 
 What balances.toml may say: see `hexsim.own.declaration`.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.own.declaration import BalanceTable, Declaration, TermTable
 from hexsim.own.folder import declared, logs_of, model_file
-from hexsim.readers import log_files
-from hexsim.readers.files import logs_of_folder
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
 from hexsim.tracing.own.alignment import Sentences, refined
 from hexsim.tracing.own.expressions import formula, plain
 from hexsim.tracing.term_columns import OwnBalance, Point, Term, aligned, by_delay
-
-MODULE = "balances.py"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,21 +32,13 @@ class OwnMachine:
     fit: tuple[Point, ...]
     validate: tuple[Point, ...]
     sentences: dict[str, list[str]]
-    declaration: Declaration | None = None
+    declaration: Declaration
     signs: dict[str, list[str]] = field(default_factory=dict)
-
-
-def is_own(folder: Path) -> bool:
-    """Has the folder balances of its own?"""
-    return model_file(folder) is not None or (folder / MODULE).is_file()
 
 
 def load_own(folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = ()) -> OwnMachine:
     """The machine of a folder with its runs read and aligned. HexsimError for what cannot be used."""
-    where = model_file(folder)
-    if where is None:
-        return of_module(folder, fit, validate)
-    asked = declared(folder)
+    asked, where = declared(folder), model_file(folder)
     if not asked.balances:
         raise HexsimError(f"{where}: it has no [[balances]]")
     names = {key: str(value) if isinstance(value, str) else repr(value) for key, value in asked.constants.items()}
@@ -176,47 +160,3 @@ def term_of(table: TermTable, names: dict[str, str], where: str) -> Term:
 def _axis(table: TermTable) -> list[str]:
     """What gives a hinge or a threshold its place."""
     return [key for key in ("above", "below", "step") if getattr(table, key) is not None]
-
-
-def of_module(folder: Path, fit: Sequence[str], validate: Sequence[str]) -> OwnMachine:
-    """A folder with balances.py: BALANCES, point(path) -> Point, and perhaps FOLDER, FIT and VALIDATE."""
-    module = loaded(folder / MODULE)
-    balances: Any = getattr(module, "BALANCES", None)
-    make: Any = getattr(module, "point", None)
-    if not balances or make is None:
-        raise HexsimError(
-            f"{folder / MODULE} must define BALANCES (OwnBalance, ...) and point(path), which gives a Point"
-        )
-    data = folder / getattr(module, "FOLDER", ".")
-    held_out = [log_files(data, name) for name in validate or getattr(module, "VALIDATE", ())]
-    paths = [log_files(data, name) for name in fit or getattr(module, "FIT", ())]
-    paths = paths or [path for path in logs_of_folder(data) if path not in held_out]
-    points: list[Point] = [make(path) for path in paths]
-    scored: list[Point] = [make(path) for path in held_out]
-    sentences: dict[str, list[str]] = {}
-    for point in (*points, *scored):
-        moved = [
-            f"{name} is late by {1e3 * np.min(s):.0f} to {1e3 * np.max(s):.0f} ms: moved"
-            for name, s in point.shifts_s.items()
-        ]
-        sentences[point.log.name] = [*point.log.losses, *moved]
-    return OwnMachine(
-        name=folder.resolve().name, balances=tuple(balances), fit=in_parts(points, sentences), validate=tuple(scored),
-        sentences=sentences,
-    )  # fmt: skip
-
-
-def loaded(path: Path) -> ModuleType:
-    """The module of a file, of a name that no other has."""
-    spec = importlib.util.spec_from_file_location(f"own_balances_{abs(hash(path.resolve()))}", path)
-    if spec is None or spec.loader is None:
-        raise HexsimError(f"there is no balances.toml and no {MODULE} in {path.parent}")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    try:
-        spec.loader.exec_module(module)
-    except HexsimError:
-        raise
-    except Exception as error:
-        raise HexsimError(f"{path} cannot be run: {type(error).__name__}: {str(error)[:160]}") from None
-    return module

@@ -16,7 +16,7 @@ from hexsim.own.folder import FILES
 from hexsim.own.state_file import StateFile
 from hexsim.tracing.own.analysis import OwnTrace, next_step, trace_balance
 from hexsim.tracing.own.events import said
-from hexsim.tracing.own.folder import MODULE, OwnMachine, load_own
+from hexsim.tracing.own.folder import OwnMachine, load_own
 from hexsim.tracing.own.page import own_page
 
 Progress = Callable[[str, float], None]
@@ -34,7 +34,7 @@ def trace_folder(
     machine = load_own(folder, fit, validate)
     notes = None
     if state is not None:
-        files = [folder / name for name in (*FILES, MODULE, "mapping.toml")]
+        files = [folder / name for name in (*FILES, "mapping.toml")]
         notes = state.notebook(files, [point.log for point in (*machine.fit, *machine.validate)])
     traces = []
     for k, balance in enumerate(machine.balances):
@@ -47,13 +47,10 @@ def trace_folder(
         out.mkdir(parents=True, exist_ok=True)
         write_json(out / "report.json", report)
         (out / "report.html").write_text(own_page(machine, traces, report), encoding="utf-8")
-        if machine.declaration is not None:
-            text = tomli_w.dumps(
-                fitted(machine.declaration, traces, folder).model_dump(by_alias=True, exclude_none=True)
-            )
-            (out / "balances.toml").write_text(text, encoding="utf-8")
-            if (folder / "mapping.toml").is_file():
-                (out / "mapping.toml").write_bytes((folder / "mapping.toml").read_bytes())
+        text = tomli_w.dumps(fitted(machine.declaration, traces, folder).model_dump(by_alias=True, exclude_none=True))
+        (out / "balances.toml").write_text(text, encoding="utf-8")
+        if (folder / "mapping.toml").is_file():
+            (out / "mapping.toml").write_bytes((folder / "mapping.toml").read_bytes())
     tell("done", 1.0)
     return machine, traces, report
 
