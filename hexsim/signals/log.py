@@ -181,7 +181,7 @@ class Log:
 
     @cached_property
     def near_rest(self) -> Array:
-        """Is any leg near a standstill, by its measured position? (n,) bool. Where fits need short steps."""
+        """Is any leg near a standstill, by its measured position? (n,) bool. Where fits follow the ring of a reversal."""
         rest_m_s = 0.015  # 3 Stribeck velocities: friction is stiff below, or falls with speed
         return np.any(np.abs(Window(self.rate).rate(self.position)) < rest_m_s, axis=0)
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
 
 from hexsim.tracing import rules
 
@@ -167,7 +167,7 @@ def line_share(residual: Array, frequency_Hz: float, rate: float) -> float:
 def low_passed(x: Array, time_constant_s: float, rate: float) -> Array:
     """First-order low-pass, in its steady state at the first sample."""
     pole = np.exp(-1.0 / (time_constant_s * rate))
-    return lfilter([1 - pole], [1, -pole], x, zi=[pole * x[0]])[0]
+    return scipy.signal.lfilter([1 - pole], [1, -pole], x, zi=[pole * x[0]])[0]
 
 
 def behind_low_pass(words: str, memory_s: float | None) -> str:

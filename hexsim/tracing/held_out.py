@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from hexsim.declaration import Machine
 from hexsim.readers.one_grid import splined
@@ -114,7 +114,7 @@ def grown(before: Array, after: Array, rate_Hz: float, tests: int) -> bool:
     count = max(round(len(before) / rate_Hz / rules.REST_BLOCK_S), rules.FEW)
     blocks = np.array([own.mean() for own in np.array_split(after**2 - before**2, count)])
     error = float(np.std(blocks, ddof=1)) / np.sqrt(count)
-    limit = float(student.ppf(1.0 - rules.DOUBT / tests, count - 1))
+    limit = float(stdtrit(count - 1, 1.0 - rules.DOUBT / tests))
     return float(blocks.mean()) > max(limit * error, rules.MODEL_SHARE)
 
 

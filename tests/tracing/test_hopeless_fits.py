@@ -114,6 +114,26 @@ def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):
     assert made[1] < 0.5 * made[0]
 
 
+def test_columns_are_corrected_by_what_a_step_has_shown(opening):
+    """Columns of a machine far off, corrected by a step: with the effect's own they say what that step did; those of numbers that
+    it left alone stay."""
+    begun = hypothesis("leakage_supply_to_chamber", opening)
+    fit = least_squares.parameter_columns(begun, opening)
+    columns = list(zip(fit.columns, least_squares.effect_columns(fit, opening), strict=True))
+    step = np.zeros(len(begun.priors) + 1)
+    step[[0, 2, -1]] = 0.8, -0.6, 0.4
+    after = least_squares.evaluate(least_squares.fit_at(fit, least_squares.coordinates_of(fit) + step), opening)
+    scale = np.array([np.sum(own**2) for own in np.concatenate(columns[0])])
+    [found] = least_squares.corrected(columns, step, scale, fit, after)
+    own, weight = columns[0][0], scale * step / (step @ (scale * step))
+    did = fit.misfit[0] - after.misfit[0]
+    off = did - np.tensordot(step, np.concatenate(columns[0]), 1)
+    assert np.std(off) > 0.1 * np.std(did)
+    left = did - np.tensordot(step[:-1], found, 1) - step[-1] * (columns[0][1][0] + weight[-1] * off)
+    assert np.std(left) < 1e-9 * np.std(did)
+    assert np.array_equal(found[1], own[1]) and not np.array_equal(found[0], own[0])
+
+
 def test_what_is_needed_stays_and_what_is_not_goes(opening):
     """Of a spring and the leak that is there the spring is superfluous; the refit without the leak ends early, and the leak stays."""
     leak, spring = named("leakage_supply_to_chamber"), named("spring")

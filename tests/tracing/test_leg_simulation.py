@@ -14,6 +14,10 @@ from hexsim.signals import channels
 from hexsim.simulation import simulate
 from hexsim.tracing.design import motions
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.simulation.closed_loop import answer
+from hexsim.tracing.simulation.rig import rig_of
+from hexsim.tracing.simulation.simulator import inputs_of
+from hexsim.tracing.simulation.start import start_state
 
 DATA = Path(__file__).parents[1] / "data"
 NOISE = {
@@ -89,6 +93,25 @@ def test_chambers_that_cavitate_move_as_in_the_plant():
         assert np.std(theirs - own[: len(theirs)]) < max(NOISE[channels.kind_of(name)], 0.02 * np.std(theirs)), name
         if "pressure" in name:
             assert own.min() >= chamber.VAPOUR
+
+
+def test_steps_of_a_fit_err_far_below_the_noise():
+    """A measured motion with many reversals, simulated as fits do and with twenty steps a sample: less than a tenth of the noise in
+    every channel, and what a twentieth more Coulomb friction does to it within a fiftieth."""
+    declared = load_machine(DATA / "bench_leakage")
+    log = readers.read_log(readers.log_files(DATA / "bench_leakage", "fit")).head(6.0)
+    rougher = changed(declared, {"friction.coulomb_extend_N": 68.0})
+    answers = {}
+    for machine in (declared, rougher):
+        rig, resolved = rig_of(machine, rate_Hz=log.rate)
+        inputs, start = inputs_of(log, rig), start_state(rig, resolved, log)
+        for fine in (rig, rig._replace(rule=rig.rule._replace(steady=20.0 * log.rate))):
+            answers[machine is rougher, fine is rig] = answer(fine, inputs, start)
+    for row, noise in ((0, NOISE["position_m"]), (2, NOISE["pressure_bottom_Pa"]), (5, NOISE["acceleration_m_s2"])):
+        own, other = answers[False, True][row], answers[False, False][row]
+        assert np.std(own - other) < 0.1 * noise
+        does, did = answers[True, True][row] - own, answers[True, False][row] - other
+        assert np.std(does - did) < 0.02 * np.std(did)
 
 
 def moves_as_in_the_plant(machine):

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
+import scipy  # its statistics when asked for: half a second of start-up
 
 from hexsim.declaration import Machine
 from hexsim.machine.geometry import machine_kinematics, with_additional_mass
@@ -155,7 +155,7 @@ class MotionFamily:
             }
             rows.append((KINDS.index(kind), axis, size, place[low], place[high], slope, k, (k // 2 + k) % 2))
         low, high = np.transpose(self.bounds)
-        more = qmc.scale(qmc.Sobol(len(low), rng=0).random(count), low, high + 1e-9)
+        more = scipy.stats.qmc.scale(scipy.stats.qmc.Sobol(len(low), rng=0).random(count), low, high + 1e-9)
         return np.concatenate([np.array(rows, float)[:, : len(low)], more])[:count]
 
     def scenario(self, point: Array) -> dict[str, Any] | None:

@@ -205,26 +205,29 @@ def refine(
     fresh: bool = False,
     stated: bool = False,
     worth: Callable[[Fit, float], bool] | None = None,
+    made_here: bool = False,
 ) -> Fit:
     """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance`, or by less than the share
     `relative` of the excess; a step that promises less is not tried.
 
-    fresh: make the columns of the declared parameters anew where they have become poor, and before the last step; those that
-    the fit brings are old. stated: its numbers are told to people: fresh, and by steps of standard deviations.
+    fresh: correct the columns of the declared parameters by what each step shows; make them anew where they are poor all the same,
+    and before the last step. Those that the fit brings are old, unless made_here. stated: its numbers are told to people: fresh, and
+    by steps of standard deviations.
     worth: is a fit worth a step that promises so much, as the last one kept its promise?
     """
     if not fit.priors and not fit.candidates:
         return fit
     if stated:
         alone = np.full(len(coordinates_of(fit)), 0.1 * rules.LEAST_STEP)
-        fresh, fit = True, replace(fit, columns=None, neighbours=None, alone=alone)
-    age = 0 if fit.columns is None else 1
+        fresh, fit = True, replace(fit, neighbours=None, alone=alone)
+    age = 0 if fit.columns is None or made_here else 1
     fit = parameter_columns(fit, problem) if fit.columns is None else fit
     damping, trust = 0.0, 1.0
     A, scores = np.zeros((0, 0)), np.zeros((0, 0))
     for _ in range(steps):
-        A, b, scores = _system(fit, _all_columns(fit, problem), problem)
-        better, kept = None, 0.0
+        columns = _all_columns(fit, problem)
+        A, b, scores = _system(fit, columns, problem)
+        better = None
         first = fall_of(A, b, _step(fit, A, b, damping)[1])
         least = max(tolerance, relative * (fit.chi2 - fit.n))
         if worth is not None and not worth(fit, trust * first):
@@ -237,19 +240,23 @@ def refine(
             trial = _evaluate(fit, coordinates, problem)
             if _cost(trial) < _cost(fit):
                 better, damping = trial, damping / 30 if damping > 1e-3 else 0.0
-                kept = (_cost(fit) - _cost(trial)) / promise
                 break
             damping = max(damping * 30, 1e-3)
         stale = fresh and age > 0
         gain = 0.0 if better is None else _cost(fit) - _cost(better)
+        if better is not None and fresh and gain >= least:
+            better = replace(better, columns=corrected(columns, step, np.diag(A), fit, better))
         fit, trust = better or fit, min(gain / max(first, 1e-300), 1.0)
         fit = replace(fit, alone=np.maximum(np.diag(A), 1e-300) ** -0.5) if stated else fit
         if gain < least and not stale:
             break
         age += 1
-        if fresh and (not KEPT < kept < 2.0 - KEPT):
+        if stale and (gain < least or not KEPT < gain / promise < 2.0 - KEPT):
+            hope = math.inf if gain < least or worth is None else trust * promise_of(fit, problem)
+            if worth is not None and not worth(fit, hope):
+                break
             # gone before the new ones are made: of a long log both are large
-            fit, better, trial = replace(fit, columns=None), None, None
+            fit, better, trial, columns = replace(fit, columns=None), None, None, None
             fit, age, damping = parameter_columns(fit, problem), 0, 0.0
     covariance = scattered(A, prior_terms(fit)[0], scores)
     # of a long log they are made anew where they are asked for
@@ -261,6 +268,22 @@ def promise_of(fit: Fit, problem: FitProblem) -> float:
     """Fall of the cost that the columns which a fit holds promise."""
     A, b, _ = _system(fit, _all_columns(fit, problem), problem)
     return fall_of(A, b, _step(fit, A, b, 0.0)[1])
+
+
+def corrected(columns: Sequence[Columns], step: Array, scale: Array, fit: Fit, after: Fit) -> list[Array]:
+    """The columns of the declared parameters by what a step has shown (Broyden's least change, coordinates scaled).
+
+    columns: of all coordinates, a log in parts; scale (k,): the diagonal of the normal matrix.
+    """
+    weight = scale * step / (step @ (scale * step))
+    found = []
+    for parts, before, now in zip(columns, fit.misfit, after.misfit, strict=True):
+        off, first = before - now, 0
+        for part in parts:
+            off -= np.tensordot(step[first : first + len(part)], part, 1)
+            first += len(part)
+        found.append(parts[0] + weight[: len(parts[0]), None, None] * off)
+    return found
 
 
 def _all_columns(fit: Fit, problem: FitProblem) -> list[Columns]:

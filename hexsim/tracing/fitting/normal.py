@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtrit
 
 from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem
@@ -72,5 +71,5 @@ def without_each(
     for X, r in blocks_of(columns, misfit, problem, block_s):
         left = (A - X @ X.T) * scale[:, None] * scale
         moved.append(A @ (scale * (np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ (scale * (X @ r)))))
-    t = student.ppf(norm.cdf(2.0), len(moved) - 1) / 2.0
+    t = stdtrit(len(moved) - 1, ndtr(2.0)) / 2.0
     return np.array(moved) * t * (1.0 - 1.0 / len(moved))

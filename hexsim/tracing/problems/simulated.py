@@ -95,6 +95,13 @@ class SimulatedProblem(FitProblem):
         noise = np.array([self.noise[kind_of(name)] for name in self.channels(i)])[:, None]
         return np.hypot(noise, self.input_uncertainty[i]) if self.input_uncertainty else noise
 
+    def reweighted(self, columns: list[Array] | None, before: Self) -> list[Array] | None:
+        """Columns (a log: (k, n_channels, n)) in units of what this problem leaves unknown, not another one of the same logs."""
+        if columns is None or self is before:
+            return columns
+        shares = (before.sigma(i) / self.sigma(i) for i in range(len(self.logs)))
+        return [own * share[:, -own.shape[2] :] for own, share in zip(columns, shares, strict=True)]
+
     def residual(self, machine: Machine, i: int) -> Array:
         rest = self.answer(machine, i)
         for row, measured, sigma in zip(rest, self.measured[i].values(), self.sigma(i), strict=True):

@@ -38,8 +38,8 @@ DIVERGENCE_LIMIT = 1e3  # [m], [m/s], [rad/s] a load beyond it has diverged
 class Inputs(NamedTuple):
     """What drives the simulation: (n_legs, n) setpoints, logged volts and positions.
 
-    near_rest (n,): where any leg is near standstill by its measured position, so that variants of a model step alike and
-    their differences are smooth; a model that stands still where the machine moved is seen by its own speed.
+    near_rest (n,): where any leg is near standstill by its measured position: there steps follow the ring of a reversal, so that
+    variants of a model step alike and their differences are smooth. What friction's sign asks for goes by the model's own speed.
     rate_Hz: of the samples. first_tick: sample of the controller's first tick. start_s: time that the run lasts already.
     """
 
@@ -257,7 +257,7 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             out[b, i] = smoothed(filters[1], memory[b], sharp[b], i == 0)
             out[r, i] = smoothed(filters[1], memory[r], sharp[r], i == 0)
         out[4 * n_legs, i] = supply_gain * chamber.pressure(state[SUPPLY])
-        calm_s = 0.0 if inputs.near_rest[i] else calm_s + dt
+        calm_s = dt if inputs.near_rest[i] else calm_s + dt
         for j in range(n_legs):
             if near_standstill(legs[j], v[j], before[j]):
                 calm_s = 0.0

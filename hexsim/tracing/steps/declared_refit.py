@@ -30,8 +30,10 @@ def refit_declared(trace: Trace, tell: Tell) -> Trace:
         )
     first = problem.head(rules.LONG_S).with_input_uncertainty(start.fitted_machine())
     base = refine(start_fit_at(start, first), first, fresh=True, relative=rules.BASE_TOLERANCE)
+    whole = problem.duration_s <= first.duration_s
     problem, held_out = (q.with_input_uncertainty(base.fitted_machine()) for q in (problem, held_out))
-    base = refine(start_fit_at(base, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    start = replace(start_fit_at(base, problem), columns=problem.reweighted(base.columns, first) if whole else None)
+    base = refine(start, problem, fresh=True, relative=rules.BASE_TOLERANCE, made_here=True)
     end = "at the noise in every channel" if residual_at_noise_level(base.misfit) else "more than noise is left"
     return replace(
         trace,

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import Fit, promise_of, refine, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
 from hexsim.tracing.fitting.selection import (
     Search,
     Stage,
@@ -85,7 +85,7 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem, near: Fit) -> Fit | Non
     fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect. A hypothesis
     that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
     static friction makes the same disturbances move the machine further.
-    near: a machine nearby, whose columns of the declared parameters tell first whether it is worth a refit.
+    near: a machine nearby: its columns of the declared parameters serve until they become poor.
     """
     head = problem.head(rules.OPENING_S)
     share = head.duration_s / problem.duration_s
@@ -97,34 +97,24 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem, near: Fit) -> Fit | Non
         there = residual_at_noise_level(fit.misfit, share)
         return not there and may_come_near(fit, rules.NEAR * promise, share)
 
-    opening = start
-    if start.columns is None or worth(start, promise_of(start, head)):
-        opening = refine(replace(start, columns=None), head, fresh=True, worth=worth)
+    opening = refine(start, head, fresh=True, worth=worth)
     if not residual_at_noise_level(opening.misfit, share):
         if opening.reduced > rules.NEAR:
             return None
         own = head.with_input_uncertainty(opening.fitted_machine())
-        judged = replace(start_fit_at(opening, own), columns=reweighted(opening, head, own))
+        judged = replace(start_fit_at(opening, own), columns=own.reweighted(opening.columns, head))
         if judged.chi2 >= opening.chi2:  # its own inputs leave no more unknown
             return None
         opening = refine(judged, own, fresh=True, worth=worth)
         if not residual_at_noise_level(opening.misfit, share):
             return None
         known = problem.with_input_uncertainty(opening.fitted_machine())
-        whole = fitted_from((opening, rival), known)
+        whole = fitted_from((opening, rival), known, known.reweighted(near.columns, problem))
         if whole is None:
             return None
-        columns = reweighted(whole, known, problem)
+        columns = problem.reweighted(whole.columns, known)
         return replace(start_fit_at(whole, problem), covariance=whole.covariance, columns=columns)
-    return fitted_from((opening, rival), problem)
-
-
-def reweighted(fit: Fit, before: SimulatedProblem, after: SimulatedProblem) -> list[Array] | None:
-    """A fit's columns in units of what another problem leaves unknown of the same logs."""
-    if fit.columns is None:
-        return None
-    shares = (before.sigma(i) / after.sigma(i) for i in range(len(before.logs)))
-    return [own * share[:, -own.shape[2] :] for own, share in zip(fit.columns, shares, strict=True)]
+    return fitted_from((opening, rival), problem, near.columns)
 
 
 def may_come_near(fit: Fit, fall: float, share: float) -> bool:
@@ -134,10 +124,10 @@ def may_come_near(fit: Fit, fall: float, share: float) -> bool:
     return near or residual_at_noise_level(fit.misfit, share, fall)
 
 
-def fitted_from(fits: Sequence[Fit], problem: SimulatedProblem) -> Fit | None:
-    """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate."""
+def fitted_from(fits: Sequence[Fit], problem: SimulatedProblem, columns: list[Array] | None) -> Fit | None:
+    """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate. columns: see `near`."""
     start = min((start_fit_at(fit, problem) for fit in fits), key=lambda fit: fit.chi2)
-    return refine(start, problem, stated=True) if np.isfinite(start.chi2) else None
+    return refine(replace(start, columns=columns), problem, stated=True) if np.isfinite(start.chi2) else None
 
 
 def refit_with_own_input_uncertainty(trace: Trace) -> Trace:
