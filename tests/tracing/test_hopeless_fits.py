@@ -119,6 +119,7 @@ def test_columns_are_corrected_by_what_a_step_has_shown(opening):
     it left alone stay."""
     begun = hypothesis("leakage_supply_to_chamber", opening)
     fit = least_squares.parameter_columns(begun, opening)
+    assert fit.columns is not None
     columns = list(zip(fit.columns, least_squares.effect_columns(fit, opening), strict=True))
     step = np.zeros(len(begun.priors) + 1)
     step[[0, 2, -1]] = 0.8, -0.6, 0.4
