@@ -220,7 +220,7 @@ def refine(
     if stated:
         alone = np.full(len(coordinates_of(fit)), 0.1 * rules.LEAST_STEP)
         fresh, fit = True, replace(fit, neighbours=None, alone=alone)
-    age = 0 if fit.columns is None or made_here else 1
+    age, shared = 0 if fit.columns is None or made_here else 1, fit.columns is not None
     fit = parameter_columns(fit, problem) if fit.columns is None else fit
     damping, trust = 0.0, 1.0
     A, scores = np.zeros((0, 0)), np.zeros((0, 0))
@@ -245,7 +245,7 @@ def refine(
         stale = fresh and age > 0
         gain = 0.0 if better is None else _cost(fit) - _cost(better)
         if better is not None and fresh and gain >= least:
-            better = replace(better, columns=corrected(columns, step, np.diag(A), fit, better))
+            better, shared = replace(better, columns=corrected(columns, step, np.diag(A), fit, better, shared)), False
         fit, trust = better or fit, min(gain / max(first, 1e-300), 1.0)
         fit = replace(fit, alone=np.maximum(np.diag(A), 1e-300) ** -0.5) if stated else fit
         if gain < least and not stale:
@@ -257,7 +257,7 @@ def refine(
                 break
             # gone before the new ones are made: of a long log both are large
             fit, better, trial, columns = replace(fit, columns=None), None, None, None
-            fit, age, damping = parameter_columns(fit, problem), 0, 0.0
+            fit, age, damping, shared = parameter_columns(fit, problem), 0, 0.0, False
     covariance = scattered(A, prior_terms(fit)[0], scores)
     # of a long log they are made anew where they are asked for
     columns = fit.columns if problem.duration_s <= rules.LONG_S else None
@@ -270,10 +270,13 @@ def promise_of(fit: Fit, problem: FitProblem) -> float:
     return fall_of(A, b, _step(fit, A, b, 0.0)[1])
 
 
-def corrected(columns: Sequence[Columns], step: Array, scale: Array, fit: Fit, after: Fit) -> list[Array]:
+def corrected(
+    columns: Sequence[Columns], step: Array, scale: Array, fit: Fit, after: Fit, shared: bool = True
+) -> list[Array]:
     """The columns of the declared parameters by what a step has shown (Broyden's least change, coordinates scaled).
 
-    columns: of all coordinates, a log in parts; scale (k,): the diagonal of the normal matrix.
+    columns: of all coordinates, a log in parts; scale (k,): the diagonal of the normal matrix. Those that are not shared are
+    changed in place: of a long log they are hundreds of megabytes.
     """
     weight = scale * step / (step @ (scale * step))
     found = []
@@ -282,7 +285,10 @@ def corrected(columns: Sequence[Columns], step: Array, scale: Array, fit: Fit, a
         for part in parts:
             off -= np.tensordot(step[first : first + len(part)], part, 1)
             first += len(part)
-        found.append(parts[0] + weight[: len(parts[0]), None, None] * off)
+        own = parts[0].copy() if shared else parts[0]
+        for column, share in zip(own, weight[: len(own)], strict=True):
+            column += share * off
+        found.append(own)
     return found
 
 
