@@ -15,7 +15,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 from hexsim.simulation import live as live_machine
-from hexsim.simulation import live_motion, recent_motion, simulate
+from hexsim.simulation import recent_motion, simulate
 from hexsim.simulation.live_sensors import LiveSensors
 
 
@@ -208,11 +208,11 @@ def test_what_is_not_in_the_hydraulics_rows_is_not_taken_over_in_flight(changes)
 def test_one_motion_goes_over_into_the_next_without_a_jump():
     """Heave to surge at its largest excursion: from tick to tick no more than 2 ms at the speed of both together and of
     the fade; heave is gone after it, surge at its full size."""
-    motion = live_motion.LiveMotion(load_scenario("heave"))
+    motion, fade_s = live_machine.LiveMachine(load_machine("micro_motion_system"), load_scenario("heave")).motion, 2.0
     motion.exchange(load_scenario("surge"), 10.5)
     time_s = np.arange(10.0, 14.5, 0.002)
     poses = np.array([motion.poses(np.array([t]))[0] for t in time_s])
-    fastest = 0.05 * np.pi + 0.05 / live_motion.FADE_OUT_S
+    fastest = 0.05 * np.pi + 0.05 / fade_s
     assert np.abs(np.diff(poses[time_s >= 10.5], axis=0)).max() < 0.002 * fastest * 1.001
-    late = time_s > 10.5 + live_motion.FADE_OUT_S
+    late = time_s > 10.5 + fade_s
     assert not poses[late, 2].any() and np.abs(poses[late, 0]).max() == pytest.approx(0.05, rel=1e-3)

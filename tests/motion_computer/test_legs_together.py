@@ -10,9 +10,8 @@ import polars as pl
 import pytest
 
 import compensation
-from compensation import Compensator, Context, Sample, exact, guard, legs
+from compensation import Compensator, Context, Sample, exact, guard, legs, started
 from compensation.adaptive import Adaptive
-from compensation.started import Started
 from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.motion_computer.data_sheet import compensator_context
@@ -134,8 +133,11 @@ def test_legs_with_start_parameters_of_their_own_are_stepped_together(hexapod):
     one, other = compensation.create("adaptive"), compensation.create("exact")
     contexts = [compensator_context(hexapod, None, leg) for leg in range(1, 7)]
     legs_of = {
-        "alike": [Started(one, one.parameters(one.start(context))) for context in contexts],
-        "one without": [one, *(Started(compensation.create("adaptive"), one.parameters(one.start(contexts[0]))),) * 5],
+        "alike": [started.Started(one, one.parameters(one.start(context))) for context in contexts],
+        "one without": [
+            one,
+            *(started.Started(compensation.create("adaptive"), one.parameters(one.start(contexts[0]))),) * 5,
+        ],
         "unlike": [*[one] * 5, other],
     }
     found = {

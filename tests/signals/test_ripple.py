@@ -10,12 +10,6 @@ from hexsim.sensors.bank import SensorBank
 from hexsim.signals import ripple as ripples
 
 
-@pytest.mark.parametrize(("y", "error"), [(0.1, 0.0), (0.10025, 4e-6), (0.1005, 0.0), (0.10075, -4e-6)])
-def test_a_scale_errs_by_its_amplitude_a_quarter_pitch_from_where_it_is_right(y, error):
-    """4 um with 1 mm: 0 at whole and half lines, the amplitude of either sign between them."""
-    assert ripples.rippled(y, 4e-6, 1e-3, 0.0) - y == pytest.approx(error, abs=1e-12)
-
-
 @pytest.mark.parametrize("amplitude", [0.0, 4e-6, 8e-5])
 def test_a_reading_leads_back_to_where_the_scale_stands(amplitude):
     """To 1e-12 m up to half of the steepest wave that can be undone; without a wave to the bit."""

@@ -8,10 +8,11 @@ from other_plant import write_machine
 
 import hexsim as hx
 from hexsim import load_scenario
+from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.sensors.bank import SensorBank
 from hexsim.signals import channels
-from hexsim.signals.lag import lagged
 from hexsim.signals.log import Log
 from hexsim.simulation import simulate
 from hexsim.tracing import balances
@@ -27,25 +28,26 @@ MOTION = {
 }  # fmt: skip
 
 
+def read_behind(lag_s: float, places: np.ndarray) -> np.ndarray:
+    """What a position transducer without noise reads, behind a lag, of the places (n,) at samples of 1 ms."""
+    ideal = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0}
+    lag = {"effects.position_lag.time_constant_s": lag_s}
+    resolved = resolve(changed(load_machine("bench"), ideal | lag))
+    return SensorBank(resolved, len(places), SAMPLE_s, 1)["position"].rows(places[:, None])[:, 0]
+
+
 @pytest.mark.parametrize("lag_s", [1e-4, 4e-3, 0.1])
 def test_a_ramp_behind_a_lag(lag_s):
     """f = r (t - tau (1 - exp(-t/tau))) at every sample: straight lines are exact, however long the lag."""
     t = SAMPLE_s * np.arange(200)
-    rows = 3.0 * t[:, None]
-    lagged(rows, np.array([lag_s]), SAMPLE_s, np.zeros((2, 1)))
-    assert rows[:, 0] == pytest.approx(3.0 * (t - lag_s * (1.0 - np.exp(-t / lag_s))), abs=1e-12)
+    assert read_behind(lag_s, 3.0 * t) == pytest.approx(3.0 * (t - lag_s * (1.0 - np.exp(-t / lag_s))), abs=1e-12)
 
 
 def test_a_lag_begins_at_none():
     """Without a lag the samples stay as they are; a lag of 1 ns takes its share of the slope from them."""
-    s = np.sin(np.arange(300) / 20.0)[:, None]
-    found = []
-    for lag_s in (0.0, 1e-9):
-        rows = s.copy()
-        lagged(rows, np.array([lag_s]), SAMPLE_s, np.tile(s[0], (2, 1)))
-        found.append(rows)
-    assert np.array_equal(found[0], s)
-    assert (found[1] - s)[1:] == pytest.approx(-1e-9 * np.diff(s, axis=0) / SAMPLE_s, rel=1e-5, abs=1e-15)
+    s = np.sin(np.arange(300) / 20.0)
+    assert np.array_equal(read_behind(0.0, s), s)
+    assert (read_behind(1e-9, s) - s)[1:] == pytest.approx(-1e-9 * np.diff(s) / SAMPLE_s, rel=1e-5, abs=1e-15)
 
 
 @pytest.mark.parametrize(("name", "violated"), [("position_lag", "sensor"), ("pressure_lag", "force")])

@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexsim.hydraulics.chamber import bulk_modulus
+from hexsim.hydraulics import chamber
 from hexsim.machine import load_machine
 from hexsim.signals.log import Log
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters
-from hexsim.tracing.problems.problem import FitProblem
+from hexsim.tracing.problems import problem as problems
 
 TRUE_PA, AIR, START, NOISE = 1.5e9, 0.02, 0.012, 0.03
 PRESSURES_PA = np.linspace(3.0e6, 3.6e6, 4)
 TIME_S = np.arange(400) * 1e-3
 
 
-class Ringing(FitProblem):
+class Ringing(problems.FitProblem):
     """Oil that rings at 100 Hz and the root of its modulus, at four pressures: a tone is told by its phase alone."""
 
     logs = (Log(name="ringing", kind="bench", time=TIME_S, rate=1000.0),)
@@ -37,7 +37,8 @@ class Ringing(FitProblem):
 def tones(modulus_Pa: float, air: float) -> np.ndarray:
     """(n_pressures, n)"""
     stiff = [
-        bulk_modulus(pressure, modulus_Pa, air) / bulk_modulus(pressure, TRUE_PA, AIR) for pressure in PRESSURES_PA
+        chamber.bulk_modulus(pressure, modulus_Pa, air) / chamber.bulk_modulus(pressure, TRUE_PA, AIR)
+        for pressure in PRESSURES_PA
     ]
     return np.sin(200.0 * np.pi * np.sqrt(stiff)[:, None] * TIME_S)
 
@@ -51,8 +52,8 @@ def test_a_refit_comes_to_the_end_of_a_valley():
     )
     middle = float(np.mean(PRESSURES_PA))
     shares = np.linspace(0.9, 1.0, 10_001)
-    like = [bulk_modulus(middle, share * TRUE_PA, START) for share in shares]
-    softer = float(np.interp(bulk_modulus(middle, TRUE_PA, AIR), like, shares))
+    like = [chamber.bulk_modulus(middle, share * TRUE_PA, START) for share in shares]
+    softer = float(np.interp(chamber.bulk_modulus(middle, TRUE_PA, AIR), like, shares))
     begun = least_squares.Fit(
         machine=machine,
         priors=(replace(modulus, half_width=0.1),),
