@@ -13,10 +13,8 @@ from hexsim import load_scenario
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.plant import Plant
 from hexsim.simulation import live as live_machine
 from hexsim.simulation import recent_motion, simulate
-from hexsim.simulation.live_sensors import LiveSensors
 
 
 def heave_m(live):
@@ -143,10 +141,9 @@ def test_a_delay_is_linear_between_ticks_and_has_no_gap_where_the_noise_repeats(
     """3 ms of delay at 2 ms a tick, a piston at 0.1 m/s: 0.3 mm behind, also at the tick where the noise begins anew."""
     ideal = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0, "sensors.position_delay_s": 0.003}
     bench = changed(load_machine("bench"), ideal)
-    plant = Plant(bench)
-    sensors = LiveSensors(plant, 0.002, seed=0)
-    place = np.zeros(1)
-    plant.piston_positions = lambda: place
+    live = live_machine.LiveMachine(changed(bench, {"sensors.log_rate_Hz": 500.0}))
+    sensors, place = live.sensors, np.zeros(1)
+    live.plant.piston_positions = lambda: place
     for tick in (*range(8), *range(sensors.noise_ticks - 2, sensors.noise_ticks + 3)):
         place = place + 0.0002
         read, *_ = sensors.read(tick)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.smoothness import reversal_limit
+from benchmarks import reversal_limit
 
 LEG = {"step_m_s2": 4.6, "resonance_Hz": 109.0, "damping_ratio": 0.04}
 T = np.arange(-0.01, 0.05, 1e-5)

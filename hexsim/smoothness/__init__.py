@@ -17,12 +17,10 @@ from hexsim.smoothness.harmonic import (
     harmonic_deviation,
 )
 from hexsim.smoothness.reversals import (
-    BumpFit,
     CommandDeviation,
     Reversal,
     ReversalBump,
     ReversalPeak,
-    bump_fit,
     deviation_from_command,
     peaks_at_reversals,
     response_delay_s,
@@ -34,7 +32,6 @@ from hexsim.smoothness.summary import AxisMotion, Parasitic, TurnAround, parasit
 __all__ = [
     "AxisMotion",
     "BANDWIDTH_Hz",
-    "BumpFit",
     "CommandDeviation",
     "HalfHertzNoise",
     "HarmonicDeviation",
@@ -44,7 +41,6 @@ __all__ = [
     "ReversalPeak",
     "TurnAround",
     "band_limit",
-    "bump_fit",
     "describing_function",
     "deviation_from_command",
     "half_hertz_noise",

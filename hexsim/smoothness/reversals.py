@@ -63,16 +63,6 @@ class CommandDeviation:
     inner: slice
 
 
-@dataclass(frozen=True, kw_only=True)
-class BumpFit:
-    """bump_pp = intercept + slope |a_commanded|; r2 is None where all bumps are equal."""
-
-    intercept: float
-    slope: float
-    r2: float | None
-    count: int
-
-
 def reversals_of_velocity(
     time_s: ArrayLike,
     velocity: ArrayLike,
@@ -262,24 +252,6 @@ def reversal_bumps(
             )
         )
     return tuple(bumps)
-
-
-def bump_fit(bumps: Sequence[ReversalBump], end: End | None = None) -> BumpFit | None:
-    """Least-squares line of bump against |commanded acceleration|, all reversals or those of one end.
-
-    None where fewer than two different accelerations are there: one level determines no line.
-    """
-    chosen = [bump for bump in bumps if end is None or bump.end == end]
-    x = np.array([abs(bump.commanded_acceleration) for bump in chosen])
-    y = np.array([bump.bump_pp for bump in chosen])
-    if len(chosen) < 2 or np.ptp(x) <= 1e-6 * np.max(x):
-        return None
-    slope = float(np.sum((x - x.mean()) * (y - y.mean())) / np.sum((x - x.mean()) ** 2))
-    intercept = float(y.mean() - slope * x.mean())
-    spread = float(np.sum((y - y.mean()) ** 2))
-    left = float(np.sum((y - intercept - slope * x) ** 2))
-    r2 = 1.0 - left / spread if spread > 0.0 else None
-    return BumpFit(intercept=intercept, slope=slope, r2=r2, count=len(chosen))
 
 
 def _window(time: Array, centre_s: float, window_s: float) -> slice | None:

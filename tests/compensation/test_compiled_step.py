@@ -10,7 +10,6 @@ import numpy as np
 
 import compensation
 from compensation import compiled
-from compensation.adaptive.layout import STATE
 
 
 def test_nothing_is_compiled_by_an_import() -> None:
@@ -35,8 +34,9 @@ def test_state_is_one_flat_array() -> None:
             return [(at, layout.str)]
         return [leaf for name in layout.names for leaf in leaves(layout.fields[name][0], at + layout.fields[name][1])]
 
-    found = leaves(STATE, 0)
-    assert [at for at, _ in found] == list(range(0, STATE.itemsize, 8))
+    layout = compensation.create("adaptive").start(compensation.Context()).inner.states.dtype
+    found = leaves(layout, 0)
+    assert [at for at, _ in found] == list(range(0, layout.itemsize, 8))
     assert {kind for _, kind in found} == {"<f8", "<i8"}
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from compensation import Compensator, Context, Parameters, Sample
+from compensation import Compensator, Context, Sample
 from hexsim import smoothness
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -31,10 +31,10 @@ class Kept(Compensator):
         state.append(sample)
         return 0.0, state
 
-    def parameters(self, state: list[Sample]) -> Parameters:
+    def parameters(self, state: list[Sample]) -> dict:
         return {}
 
-    def restore(self, context: Context, parameters: Parameters) -> list[Sample]:
+    def restore(self, context: Context, parameters: dict) -> list[Sample]:
         return []
 
 

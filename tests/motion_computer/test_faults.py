@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.fault_table import Outcome, outcome
 from hexsim import HexsimError, load_scenario
 from hexsim.machine import load_machine
-from hexsim.qualification import outcome as outcomes
 from hexsim.simulation import simulate
 
 MACHINE = load_machine("micro_motion_system")
@@ -38,8 +38,8 @@ def faulty(*faults: dict, scenario=HEAVE, **options):
     return simulate(MACHINE, dataclasses.replace(scenario, faults=faults), fast=True, **options)
 
 
-def result(fault: dict, **options) -> outcomes.Outcome:
-    return outcomes.outcome(faulty(fault | {"time_s": TIME_s}, **options), TIME_s)
+def result(fault: dict, **options) -> Outcome:
+    return outcome(faulty(fault | {"time_s": TIME_s}, **options), TIME_s)
 
 
 # a run of five seconds each: the others are like one of these
@@ -167,7 +167,7 @@ def test_faults_on_a_bench() -> None:
     """One leg on a bench: a lost transducer is found and the load comes down without a look at its position."""
     bench = load_machine("bench")
     scenario = dataclasses.replace(HEAVE, faults=(dict(kind="position_sensor", leg=1, time_s=TIME_s),), duration_s=10.0)
-    found = outcomes.outcome(simulate(bench, scenario, fast=True), TIME_s)
+    found = outcome(simulate(bench, scenario, fast=True), TIME_s)
     assert found.detected_s == pytest.approx(0.004, abs=0.003)
     assert found.final_m[0] < bench.cylinder.cushion_length_m
     assert found.lowest_m > 0.0

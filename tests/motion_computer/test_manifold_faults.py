@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
+from benchmarks.fault_table import outcome
 from hexsim import load_scenario
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.qualification import outcome as outcomes
 from hexsim.simulation import simulate
 
 MACHINE = load_machine("micro_motion_system")
@@ -37,7 +37,7 @@ CASES = [
 def result(fault: dict, machine=WITH, fast=True, duration_s=7.0, time_s=TIME_s):
     heave = load_scenario("heave", duration_s=duration_s)
     scenario = dataclasses.replace(heave, faults=({**fault, "time_s": time_s},))
-    return outcomes.outcome(simulate(machine, scenario, fast=fast), time_s)
+    return outcome(simulate(machine, scenario, fast=fast), time_s)
 
 
 @pytest.mark.parametrize("fault", [HARD[0], pytest.param(HARD[1], marks=pytest.mark.slow)], ids=str)
