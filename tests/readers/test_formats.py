@@ -14,6 +14,7 @@ import pytest
 
 from hexsim import HexsimError, readers
 from hexsim.readers import files, formats
+from hexsim.readers.formats import text
 from hexsim.setpoints import signals
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
@@ -178,14 +179,14 @@ def test_inflated_pieces_are_bounded(tmp_path):
 
     path = bomb(tmp_path / "bomb.csv.gz", b"0,0\n", 30)
     with open(path, "rb") as file:
-        sizes = [len(piece) for piece in formats.text.inflated(file)]
-    assert max(sizes) <= formats.text.LARGEST.piece and sum(sizes) == len(b"time_s,position_m\n") + 30_000_000
+        sizes = [len(piece) for piece in text.inflated(file)]
+    assert max(sizes) <= text.LARGEST.piece and sum(sizes) == len(b"time_s,position_m\n") + 30_000_000
 
 
 def test_more_text_than_is_read_is_said(table, tmp_path, monkeypatch):
     """Beyond the largest text only the whole rows before it are used."""
-    monkeypatch.setitem(formats.text.file_bytes.__kwdefaults__, "most_bytes", 50_000)
-    monkeypatch.setattr(formats.text, "LARGEST", formats.text.LARGEST._replace(piece=10_000))
+    monkeypatch.setitem(text.file_bytes.__kwdefaults__, "most_bytes", 50_000)
+    monkeypatch.setattr(text, "LARGEST", text.LARGEST._replace(piece=10_000))
     table.write_csv(tmp_path / "log.csv")
     log = readers.read_log(tmp_path / "log.csv")
     assert any("only so much of it is used" in loss for loss in log.losses)

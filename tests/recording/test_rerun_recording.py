@@ -24,7 +24,10 @@ class Recording:
         [blueprint] = self.blueprints
         told: dict[str, dict] = {}
         for chunk in self.reader.stream(store=blueprint).to_chunks():
-            told.setdefault(chunk.entity_path, {}).update(chunk.to_record_batch().to_pydict())
+            batch = chunk.to_record_batch()
+            told.setdefault(chunk.entity_path, {}).update(
+                {name: batch.column(name).to_pylist() for name in batch.schema.names if name.startswith("View")}
+            )
         return [
             {query.removeprefix("+ ") for query in told[f"{view}/ViewContents"]["ViewContents:query"][0]}
             for view, columns in told.items()
