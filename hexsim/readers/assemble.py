@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +31,6 @@ class Assigned:
     channel: Channel
 
 
-@cache
 def known_stems() -> dict[str, str]:
     """Name without its unit, in small letters -> column of the measured-log format."""
     columns = [name for name, (signal, _) in places().items() if signal.measured]
@@ -73,9 +71,9 @@ def assigned(raw: RawLog, mapping: Mapping, path: Path) -> dict[str, Assigned]:
         factor, offset = channel_si(name, channel, one, path)
         found[name] = Assigned(name=name, raw=one, values=marked * factor + offset, channel=channel)
     taken |= {id(raw.one(c.time, f"the time of {n}", path)) for n, c in mapping.columns.items() if c.time}
-    known, unused = [], []
+    stems, known, unused = known_stems(), [], []
     for signal in raw.signals:
-        name, factor, offset = recognised(signal)
+        name, factor, offset = recognised(signal, stems)
         if id(signal) not in taken and (name is None or name in found):
             unused.append(signal.name)
         elif id(signal) not in taken:
@@ -111,10 +109,10 @@ def channel_si(name: str, channel: Channel, raw: RawSignal, path: Path) -> tuple
     return channel.to_si(name, str(path))
 
 
-def recognised(raw: RawSignal) -> tuple[str | None, float, float]:
-    """A column named as in the format, perhaps in other letters or with another unit at its end: position_mm."""
+def recognised(raw: RawSignal, stems: dict[str, str]) -> tuple[str | None, float, float]:
+    """Of `known_stems`: a column named as in the format, perhaps in other letters or with another unit at its end: position_mm."""
     stem, unit = unit_of_name(raw.short.strip())
-    name = known_stems().get(stem.replace(" ", "_").lower())
+    name = stems.get(stem.replace(" ", "_").lower())
     unit = unit or raw.unit
     if name is None or not unit:
         return None, 1.0, 0.0

@@ -7,7 +7,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from hexsim import HexsimError
 from hexsim.machine import load_machine
-from hexsim.motion_computer import host_packet, host_prediction, host_process
+from hexsim.motion_computer import host_packet
 from hexsim.motion_computer.host_buffer import HostBuffer
 from hexsim.simulation import hosted
 
@@ -15,20 +15,21 @@ BENCH = load_machine("bench")
 TICK = 0.002
 
 
+def sent(buffer: HostBuffer, times: np.ndarray, values: np.ndarray) -> None:
+    """Packets that arrive as they are sent, with six setpoints each: values (n, 6)."""
+    for k, (time, row) in enumerate(zip(times.tolist(), values.tolist(), strict=True)):
+        buffer.add(host_packet.HostCommand(sequence=k, time_s=time, setpoints=tuple(row)), time)
+
+
 def test_a_polynomial_is_continued_exactly() -> None:
     """A quintic in each axis, at uneven times: 40 ms beyond the newest of 60 setpoints position within the
     predictors' floor of 2e-7 m, velocity 2e-5 m/s and acceleration 2e-3 m/s2: low orders keep a weight where they do as well."""
-    rng, prediction = np.random.default_rng(0), host_prediction.new_prediction()
-    powers = rng.normal(0.0, 0.05, (host_prediction.AXES, 6))
+    rng, buffer = np.random.default_rng(0), HostBuffer(0.0, 0.04)
+    powers = rng.normal(0.0, 0.05, (6, 6))
     times = np.cumsum(rng.uniform(0.01, 0.024, 60))
     truth = [np.polynomial.Polynomial(row) for row in powers]
-    values = np.column_stack([one(times) for one in truth])
-    motions = np.full((60, 3, host_prediction.AXES), np.nan)
-    motions[:, 0] = values
-    for k in range(1, 61):
-        first = max(0, k - host_prediction.KEPT)
-        host_prediction.add_setpoint(prediction, times[first:k], motions[first:k], 0.017, 0.03)
-    found = host_prediction.predicted(prediction, times[-1] + 0.04)
+    sent(buffer, times, np.column_stack([one(times) for one in truth]))
+    found = buffer.target(times[-1])
     for row, tolerance in enumerate((2e-7, 2e-5, 2e-3)):
         expected = [one.deriv(row)(times[-1] + 0.04) if row else one(times[-1] + 0.04) for one in truth]
         assert found[row] == pytest.approx(expected, abs=tolerance)
@@ -186,23 +187,17 @@ def test_sixty_packets_a_second_put_no_jolt_into_a_sine(frequency_Hz: float, mos
             assert jolt(frequency_Hz, host) < bound
 
 
-def test_a_process_goes_through_its_points_and_has_its_own_slopes() -> None:
-    """At its setpoints a process is what they are, to its nugget; velocity and acceleration are the differences of the position."""
-    rng = np.random.default_rng(2)
+@pytest.mark.parametrize("ahead_s", [0.0, 0.02])
+def test_what_is_predicted_goes_through_the_newest_setpoint_and_has_its_own_slopes(ahead_s: float) -> None:
+    """Of sines: the newest setpoint is what it is, to the processes' nugget; velocity and acceleration are the differences of the
+    position, there and 20 ms on."""
+    rng, buffer = np.random.default_rng(2), HostBuffer(0.0, ahead_s)
     times = np.cumsum(rng.uniform(0.01, 0.03, 20))
-    places = np.column_stack([np.sin(2 * np.pi * f * times) + f for f in (0.5, 1.0, 2.0)])
-    weights, trend = np.zeros((host_process.POINTS, 3)), np.zeros((host_process.TREND, 3))
-    motions = np.repeat(places[:, None], 3, axis=1)
-    host_process.fit_process(times, motions, 20, 0.1, 1e-8, weights, trend)
-
-    def at(time):
-        out = np.zeros((3, 3))
-        host_process.add_process(times, 20, weights, trend, 0.1, time, np.ones(3), out)
-        return out
-
-    assert np.array([at(time)[0] for time in times]) == pytest.approx(places, abs=1e-4)
-    h, time = 1e-4, times[-1] + 0.02
-    before, here, after = (at(time + k * h) for k in (-1, 0, 1))
+    places = np.column_stack([np.sin(2 * np.pi * f * times) + f for f in (0.3, 0.5, 0.7, 1.0, 1.5, 2.0)])
+    sent(buffer, times, places)
+    h = 1e-4
+    before, here, after = (buffer.target(times[-1] + k * h) for k in (-1, 0, 1))
+    assert ahead_s or here[0] == pytest.approx(places[-1], abs=1e-4)
     assert here[1] == pytest.approx((after[0] - before[0]) / (2 * h), rel=1e-4, abs=1e-4)
     assert here[2] == pytest.approx((after[1] - before[1]) / (2 * h), rel=1e-4, abs=1e-3)
 

@@ -197,13 +197,20 @@ def test_a_bag_names_no_code(tmp_path):
         f"p/Y[9] x\n{'=' * 80}\nMSG: p/Y\nfloat64 z\np/Z[999999] u\n{'=' * 80}\nMSG: p/Z\nint8 w",
     ],
 )
-def test_a_definition_claims_no_more_than_its_bytes(definition):
-    """Arrays of a fixed size beyond 100,000 items, also nested."""
+def test_a_definition_claims_no_more_than_its_bytes(tmp_path, definition):
+    """Arrays of a fixed size beyond 100,000 items, also nested: the topic is not read, and why is said."""
     pytest.importorskip("rosbags", reason="pip install hexsim[ros]")
-    from hexsim.readers import ros_messages
-
-    with pytest.raises(ros_messages.BadDefinition):
-        ros_messages.Messages().define("p/msg/X", definition)
+    writing = pytest.importorskip("mcap.writer", reason="pip install hexsim[ros]")
+    with open(tmp_path / "claims.mcap", "wb") as file:
+        writer = writing.Writer(file)
+        writer.start("ros2")
+        schema = writer.register_schema("p/msg/X", "ros2msg", definition.encode())
+        channel = writer.register_channel("/x", "cdr", schema)
+        for k in range(50):
+            writer.add_message(channel, log_time=10**7 * k, publish_time=10**7 * k, data=bytes(12))
+        writer.finish()
+    with pytest.raises(HexsimError, match=r"topic /x is not read: p/msg/. has arrays of more than 100,000 items"):
+        readers.read_log(tmp_path / "claims.mcap")
 
 
 @pytest.mark.parametrize(

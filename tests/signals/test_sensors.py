@@ -30,15 +30,13 @@ CACHES = (table.sensors, table.table, table.measured_columns, table.places)
 @pytest.fixture
 def rod_side_sensor(tmp_path, monkeypatch):
     """A file that defines a sensor, in a folder of its own."""
-    from hexsim.readers.assemble import known_stems
-
     (tmp_path / "rod_side_pressure.py").write_text(ROD_SIDE)
     monkeypatch.setattr(sensor_files, "__path__", [*sensor_files.__path__, str(tmp_path)])
-    for cache in (*CACHES, known_stems):
+    for cache in CACHES:
         cache.cache_clear()
     yield "pressure_rod_side"
     monkeypatch.undo()
-    for cache in (*CACHES, known_stems):
+    for cache in CACHES:
         cache.cache_clear()
 
 

@@ -14,7 +14,7 @@ from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, selection
 from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.hypotheses import may_come_near, simulated_fit
+from hexsim.tracing.steps import hypotheses
 
 DATA = Path(__file__).parents[1] / "data" / "bench_leakage"
 
@@ -60,7 +60,7 @@ def hypothesis(name: str, problem: SimulatedProblem):
 
 
 def worth(fit, promise: float) -> bool:
-    return may_come_near(fit, rules.NEAR * promise, 1.0)
+    return hypotheses.may_come_near(fit, rules.NEAR * promise, 1.0)
 
 
 def test_a_fit_that_reaches_the_noise_is_the_same_with_the_rule(opening):
@@ -96,7 +96,7 @@ def test_known_columns_tell_that_a_hypothesis_is_hopeless(opening, monkeypatch):
     made = []
     for near in (known, declared):
         counts[0] = 0
-        assert simulated_fit(begun, opening, near) is None
+        assert hypotheses.simulated_fit(begun, opening, near) is None
         made.append(counts[0])
     assert made[0] <= 2 and made[1] > len(begun.priors)
 

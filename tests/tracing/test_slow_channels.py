@@ -9,7 +9,7 @@ import pytest
 
 from hexsim.readers.one_grid import as_read
 from hexsim.signals.log import Log
-from hexsim.tracing.balances.null import with_noise
+from hexsim.tracing.balances import null
 from hexsim.tracing.fitting import fit
 from hexsim.tracing.steps import declared_refit, logs, violations
 
@@ -61,8 +61,8 @@ def test_noise_of_a_slower_channel_is_that_of_its_samples():
     assert as_read(log).columns["pressure_bottom_Pa"] == pytest.approx(line)
     noise = {"position_m": 0.0, "pressure_bottom_Pa": 1e3}
     rng = np.random.default_rng(1)
-    noisy = with_noise(log, noise, 0.0, rng).columns["pressure_bottom_Pa"] - line
-    white = with_noise(replace(log, sampled={}), noise, 0.0, rng).columns["pressure_bottom_Pa"] - line
+    noisy = null.with_noise(log, noise, 0.0, rng).columns["pressure_bottom_Pa"] - line
+    white = null.with_noise(replace(log, sampled={}), noise, 0.0, rng).columns["pressure_bottom_Pa"] - line
     sums = [np.std(own[:2900].reshape(-1, 100).sum(axis=1)) for own in (noisy, white)]
     assert np.std(noisy[::5]) == pytest.approx(1e3, rel=0.1)
     assert sums[0] / sums[1] == pytest.approx(np.sqrt(2.5), rel=0.4)
