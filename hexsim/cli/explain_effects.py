@@ -14,7 +14,9 @@ def print_library(json: bool) -> None:
 
     rows = [(effect.name, effect.balance, advice_of(effect.name).signature) for effect in library().values()]
     if json:
-        return print_json([dict(zip(("name", "balance", "signature"), row, strict=True)) for row in rows])
+        names = ("name", "balance", "signature", "check", "mend")
+        texts = ((said.check, said.mend) for said in map(advice_of, library()))
+        return print_json([dict(zip(names, (*row, *more), strict=True)) for row, more in zip(rows, texts, strict=True)])
     output().print(text_table("Effects", ("effect", "balance", "signature"), rows, last="left"))
 
 

@@ -15,7 +15,6 @@ from hexsim.signals import channels
 from hexsim.tracing import balances, rules
 from hexsim.tracing.balances import continuity
 from hexsim.tracing.fitting import parameters
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import violations as violated
 from hexsim.tracing.steps.residuals import unexplained_residuals
@@ -103,11 +102,11 @@ def test_what_a_log_keeps_of_machines_asked_before_changes_no_residual(tmp_path)
             machine, {}, [(candidate, candidate.start() | {candidate.effect.parameters[0].name: size})]
         )
         for candidate, size in (
-            *((named("leakage_supply_to_chamber", f"leg {k}"), 1e-12) for k in range(1, 7)),
-            (named("supply_pressure_gain"), 0.02),
-            (named("pressure_gain", "leg 2"), 0.02),
-            (named("accelerometer_gain"), 0.02),
-            (named("imu_orientation"), 0.02),
+            *((parameters.named("leakage_supply_to_chamber", f"leg {k}"), 1e-12) for k in range(1, 7)),
+            (parameters.named("supply_pressure_gain"), 0.02),
+            (parameters.named("pressure_gain", "leg 2"), 0.02),
+            (parameters.named("accelerometer_gain"), 0.02),
+            (parameters.named("imu_orientation"), 0.02),
         )
     ]
     used = [balance for balance in balances.library() if balance.wants(log, machine)]

@@ -8,14 +8,13 @@ from hexsim.cli.trace import print_trace
 from hexsim.hydraulics import effects
 from hexsim.tracing import state
 from hexsim.tracing.fitting import parameters
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.report import content, tables
 from hexsim.tracing.report import readings as said
 
 
 def effect(name: str, values: dict[str, float], errors: dict[str, float], readings: tuple[state.Reading, ...] = ()):
     return state.NamedEffect(
-        candidate=named(name), values=values, standard_errors=errors, tied_with=(), gain_cv=0.5, blocks=4,
+        candidate=parameters.named(name), values=values, standard_errors=errors, tied_with=(), gain_cv=0.5, blocks=4,
         d_bic=-10.0, single_leg=True, readings=readings,
     )  # fmt: skip
 
@@ -52,7 +51,7 @@ def test_an_error_at_the_end_of_a_range_is_no_error() -> None:
     """A fit that stands at a bound gives an error as well: of how the number would move inside. It is not said; of a term
     with two names the error of the name that is inside its range counts."""
     hose = state.Reading(
-        candidate=named("dead_volume"), values={"volume_m3": 4.8e-5}, standard_errors={"volume_m3": 9.6e-7}
+        candidate=parameters.named("dead_volume"), values={"volume_m3": 4.8e-5}, standard_errors={"volume_m3": 9.6e-7}
     )
     told = effect("hose_compliance", {"compliance_m3_Pa": 1e-9}, {"compliance_m3_Pa": 1e-13}, (hose,))
     entry = content.effect_entry(told)

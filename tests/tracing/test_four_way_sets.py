@@ -16,7 +16,6 @@ from hexsim.tracing import balances
 from hexsim.tracing.balances import null
 from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import parameters
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs as trace_logs
 from hexsim.tracing.steps import violations
@@ -98,7 +97,7 @@ def test_a_start_in_motion_leaves_no_drift(tmp_path):
     machine = load_machine(tmp_path)
     logs, _ = trace_logs.read_runs(tmp_path, ["sweep"], machine)
     known = {prior: true[UNCERTAIN[prior.key][0]] / prior.declared - 1.0 for prior in parameters.priors(machine)}
-    leak = (named("leakage_across_piston"), {"conductance_m3_s_Pa": true["cross_leak"]})
+    leak = (parameters.named("leakage_across_piston"), {"conductance_m3_s_Pa": true["cross_leak"]})
     problem = SimulatedProblem(logs=tuple(logs), noise=channels.declared_noise(machine))
     rest = problem.residual(parameters.with_settings(machine, known, [leak]), 0)[:4]
     means = 20.0 * rest[:, : rest.shape[1] // 400 * 400].reshape(4, -1, 400).mean(axis=2)

@@ -13,7 +13,6 @@ from hexsim.tracing import balances, held_out
 from hexsim.tracing.balances import null
 from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import fit, parameters
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs
 
@@ -67,7 +66,7 @@ def test_the_right_effect_passes_and_a_wrong_one_is_refused(bench):
     assert held_out.growths(problem, machine, leaks) == []
     assert {own.channel for own in held_out.growths(problem, leaks, machine)} >= {"position_m", "pressure_bottom_Pa"}
     base = fit.start_fit(machine, parameters.priors(machine)[:1], problem)
-    right, wrong = named("leakage_supply_to_chamber"), named("leakage_chamber_to_tank")
+    right, wrong = parameters.named("leakage_supply_to_chamber"), parameters.named("leakage_chamber_to_tank")
     one = fit.evaluate(replace(base, candidates=(right,), values=(LEAK,)), problem)
     assert held_out.refused(one, base, problem) is None
     k, why = held_out.refused(fit.evaluate(replace(base, candidates=(wrong,), values=(LEAK,)), problem), base, problem)

@@ -12,7 +12,6 @@ from hexsim.signals import channels
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, selection
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import hypotheses
 
@@ -55,7 +54,7 @@ def opening() -> SimulatedProblem:
 def hypothesis(name: str, problem: SimulatedProblem):
     machine = load_machine(DATA)
     return least_squares.with_effects(
-        least_squares.start_fit(machine, parameters.priors(machine), problem), [named(name)], 0.5, problem
+        least_squares.start_fit(machine, parameters.priors(machine), problem), [parameters.named(name)], 0.5, problem
     )
 
 
@@ -137,7 +136,7 @@ def test_columns_are_corrected_by_what_a_step_has_shown(opening):
 
 def test_what_is_needed_stays_and_what_is_not_goes(opening):
     """Of a spring and the leak that is there the spring is superfluous; the refit without the leak ends early, and the leak stays."""
-    leak, spring = named("leakage_supply_to_chamber"), named("spring")
+    leak, spring = parameters.named("leakage_supply_to_chamber"), parameters.named("spring")
     both = least_squares.with_effects(hypothesis("spring", opening), [leak], 0.5, opening)
     fit = least_squares.refine(both, opening, stated=True)
     assert fit.candidates == (spring, leak) and selection.residual_at_noise_level(fit.misfit)

@@ -8,10 +8,9 @@ from other_plant import write_machine
 from rough_machines import draw
 
 from hexsim.tracing.fitting import lag_coordinates, parameters
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.steps import dominant, logs, shapes, violations
 
-SPOOL = named("spool_lag")
+SPOOL = parameters.named("spool_lag")
 LAGS = [(1, 2)]
 BOUNDS = [(-1.0, 1.0), *(parameters.coordinate_bounds(number) for number in SPOOL.free())]
 LOW, HIGH = np.transpose(BOUNDS)
@@ -27,11 +26,13 @@ def answer(coordinates):
 
 def test_only_a_lag_whose_damping_is_free_is_turned():
     """A spool beside a leak and two declared parameters: frequency and damping stand at 3 and 4."""
-    fit = SimpleNamespace(priors=(0, 0), candidates=(named("leakage_chamber_to_tank"), SPOOL))
+    fit = SimpleNamespace(priors=(0, 0), candidates=(parameters.named("leakage_chamber_to_tank"), SPOOL))
     assert lag_coordinates.lags_of(fit) == [(3, 4)]
     assert (
         lag_coordinates.lags_of(
-            SimpleNamespace(priors=(), candidates=(named("valve_delay"), named("flexible_payload")))
+            SimpleNamespace(
+                priors=(), candidates=(parameters.named("valve_delay"), parameters.named("flexible_payload"))
+            )
         )
         == []
     )

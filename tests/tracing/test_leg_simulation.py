@@ -168,7 +168,6 @@ def test_the_true_machine_answers_the_log(folder):
     import json
 
     from hexsim.tracing.fitting import parameters
-    from hexsim.tracing.fitting.parameters import named
 
     machine = load_machine(DATA / folder)
     truth = json.loads((DATA / folder / "truth.json").read_text())
@@ -180,7 +179,7 @@ def test_the_true_machine_answers_the_log(folder):
     }  # fmt: skip
     off = {p: truth["parameters"][keys[p.key]] / p.declared - 1 for p in parameters.priors(machine)}
     width = truth["undeclared"].get("valve_hysteresis")
-    effects = [(named("valve_hysteresis"), {"half_width_V": width})] if width else []
+    effects = [(parameters.named("valve_hysteresis"), {"half_width_V": width})] if width else []
     log = readers.read_log(DATA / folder / "validate.csv.gz")
     problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     misfit = problem.misfit([parameters.with_settings(machine, off, effects)])[0][0]
@@ -196,7 +195,6 @@ def test_two_chambers_answer_the_log(folder):
     import json
 
     from hexsim.tracing.fitting import parameters
-    from hexsim.tracing.fitting.parameters import named
 
     source = Path(__file__).parents[2] / ".." / "shared" / "measured" / folder
     if not source.is_dir():
@@ -211,7 +209,7 @@ def test_two_chambers_answer_the_log(folder):
         "supply_pressure_Pa": "supply_pressure", "spool_frequency_Hz": "spool_frequency",
     }  # fmt: skip
     off = {p: true[keys[p.key]] / p.declared - 1 for p in parameters.priors(machine)}
-    effects = [(named("leakage_across_piston"), {"conductance_m3_s_Pa": leak})] if leak else []
+    effects = [(parameters.named("leakage_across_piston"), {"conductance_m3_s_Pa": leak})] if leak else []
     log = readers.read_log(source / "validate.csv.gz").head(6.0)
     problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     misfit = problem.misfit([parameters.with_settings(machine, off, effects)])[0][0]

@@ -10,7 +10,7 @@ from other_plant import driven, measured, write_machine
 
 from hexsim.tracing import state
 from hexsim.tracing.fitting import fit as least_squares
-from hexsim.tracing.fitting.parameters import named
+from hexsim.tracing.fitting import parameters
 from hexsim.tracing.steps import balance_search, logs, shapes, ties, violations
 
 LIMIT_m_s, SEED = 4.85e-3, 11
@@ -28,7 +28,7 @@ def ended_with_a_lag(folder: Path, effects: dict[str, float]) -> tuple[state.Tra
     for step in (violations.STEP, shapes.STEP, balance_search.STEP):
         trace = step.run(trace, lambda doing: None)
     lag = {"frequency_Hz": 800.0, "damping": 1.0}
-    fit = replace(trace.base, candidates=(named("spool_lag"),), values=(lag,))
+    fit = replace(trace.base, candidates=(parameters.named("spool_lag"),), values=(lag,))
     return trace, least_squares.refine(
         least_squares.start_fit_at(fit, trace.fit_problem), trace.fit_problem, stated=True
     )

@@ -28,7 +28,6 @@ from hexsim.tracing.design.ceiling import ceiling_of
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, rest_evidence, rest_level
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import dominant, logs, shapes, violations
 
@@ -47,7 +46,7 @@ def bench():
 def leaking(bench):
     """The declared bench with its leak, refitted to 5 s."""
     machine, _, problem = bench
-    leak = named("leakage_supply_to_chamber")
+    leak = parameters.named("leakage_supply_to_chamber")
     start = least_squares.with_effects(
         least_squares.start_fit(machine, parameters.priors(machine), problem), [leak], 0.5, problem
     )
@@ -125,7 +124,7 @@ def test_friction_is_never_known_better_than_it_is_declared(bench, leaking):
     """Coulomb friction that changed by the same out and in trades with both declared numbers, 12 % of 65 and 60 N: however
     often a run is made, +-(65 + 60)/2 0.12/sqrt(6) = 3.06 N remain. A leak is told to a thousandth."""
     machine, log, problem = bench
-    problem, effect = problem.with_input_uncertainty(machine), named("coulomb_friction_change")
+    problem, effect = problem.with_input_uncertainty(machine), parameters.named("coulomb_friction_change")
     both = dataclasses.replace(
         least_squares.with_effects(leaking, [effect], 0.2, problem),
         values=({"conductance_m3_s_Pa": LEAK}, {"force_N": 1.0}),
@@ -157,7 +156,7 @@ def test_friction_is_never_known_better_than_it_is_declared(bench, leaking):
 )
 def test_a_number_that_says_nothing_is_not_asked_for(effect, name, value, nothing):
     """It counts as known, whatever its error."""
-    assert information.says_nothing(named(effect).effect, name, value) == nothing
+    assert information.says_nothing(parameters.named(effect).effect, name, value) == nothing
     number = information.Number(effect=effect, name=name, value=value, standard_error=value, place=0, nothing=nothing)
     assert (number.relative == 0.0) == nothing
 
@@ -166,7 +165,7 @@ def test_small_realities_are_not_asked_for(bench, leaking):
     """Of a machine with a leak and a small delay beside it the leak alone is to be sharpened, at its own coordinate."""
     _, _, problem = bench
     beside = dataclasses.replace(
-        least_squares.with_effects(leaking, [named("position_delay")], 0.1, problem), covariance=None
+        least_squares.with_effects(leaking, [parameters.named("position_delay")], 0.1, problem), covariance=None
     )
     beside = dataclasses.replace(beside, candidates=beside.candidates[::-1], values=beside.values[::-1])
     k = len(beside.priors)
@@ -182,7 +181,7 @@ def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     machine, _, problem = bench
     base = least_squares.refine(least_squares.start_fit(machine, leaking.priors, problem), problem, steps=3)
     rival = least_squares.refine(
-        least_squares.with_effects(base, [named("dead_volume")], 0.3, problem), problem, steps=3
+        least_squares.with_effects(base, [parameters.named("dead_volume")], 0.3, problem), problem, steps=3
     )
     trace = SimpleNamespace(
         machine=machine, fit_problem=problem, final=leaking, ties=[{"dead_volume": rival}], verdict="explained",
@@ -211,7 +210,7 @@ def test_what_stands_beside_every_name_is_no_part_of_one():
     """A ripple that is fitted in all hypotheses is in none of their names; what is sure stays, and a rival of it is told whole."""
 
     def fitted(*effects):
-        return SimpleNamespace(fit=SimpleNamespace(candidates=[named(effect) for effect in effects]))
+        return SimpleNamespace(fit=SimpleNamespace(candidates=[parameters.named(effect) for effect in effects]))
 
     ripple = "position_ripple"
     found = [fitted(ripple, "constant_force"), fitted(ripple, "incline"), fitted(ripple)]
@@ -386,7 +385,9 @@ def test_what_a_load_separates_is_designed_with_it(bench):
     bare, force = least_squares.start_fit(able, (), seen), 0.3**2 / 2 * machine.load.moving_mass_kg * 9.8
     fits = [
         least_squares.refine(
-            dataclasses.replace(least_squares.with_effects(bare, [named(name)], 0.5, seen), values=(values,)),
+            dataclasses.replace(
+                least_squares.with_effects(bare, [parameters.named(name)], 0.5, seen), values=(values,)
+            ),
             seen,
             steps=4,
         )

@@ -9,7 +9,7 @@ from hexsim.identification import rounds
 from hexsim.tracing import state
 from hexsim.tracing.design import words
 from hexsim.tracing.design.next_measurement import surviving
-from hexsim.tracing.fitting.parameters import named
+from hexsim.tracing.fitting import parameters
 from hexsim.tracing.report import content, page, readings, tables
 
 
@@ -17,10 +17,10 @@ from hexsim.tracing.report import content, page, readings, tables
 def hose() -> state.NamedEffect:
     """3.0e-14 m3/Pa to 1 %, or 48 cm3 to 2 %; and tied with air, which is another term."""
     volume = state.Reading(
-        candidate=named("dead_volume"), values={"volume_m3": 4.8e-5}, standard_errors={"volume_m3": 9.6e-7}
+        candidate=parameters.named("dead_volume"), values={"volume_m3": 4.8e-5}, standard_errors={"volume_m3": 9.6e-7}
     )
     return state.NamedEffect(
-        candidate=named("hose_compliance"), values={"compliance_m3_Pa": 3e-14},
+        candidate=parameters.named("hose_compliance"), values={"compliance_m3_Pa": 3e-14},
         standard_errors={"compliance_m3_Pa": 3e-16}, tied_with=("dead_volume", "entrained_air"), gain_cv=0.5,
         blocks=4, d_bic=-10.0, single_leg=True, readings=(volume,),
     )  # fmt: skip

@@ -12,7 +12,6 @@ from hexsim.signals import channels
 from hexsim.tracing import balances
 from hexsim.tracing.design import motions
 from hexsim.tracing.fitting import fit, parameters, screening, selection
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import logs as logs_step
@@ -66,7 +65,7 @@ def test_joints_out_of_reach_are_an_infinite_misfit(hexapod, kind):
     machine, own, simulated, balances = hexapod
     problem = simulated if kind == "simulated" else balances
     base = fit.start_fit(machine, own[:2], problem)
-    candidate = named("base_joint_offset", "leg 3")
+    candidate = parameters.named("base_joint_offset", "leg 3")
     far = fit.evaluate(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
     assert np.isfinite(base.chi2) and far.chi2 == np.inf
     assert far.misfit[0].shape == base.misfit[0].shape and not selection.residual_at_noise_level(far.misfit)
@@ -87,7 +86,7 @@ def test_a_round_in_which_nothing_simulates_has_no_rival(hexapod, monkeypatch):
     base = fit.start_fit(machine, own[:2], simulated)
     monkeypatch.setattr(selection, "shortlist", lambda lines, *limits: lines)
     monkeypatch.setattr(selection, "try_candidate", lambda *given: None)
-    stage = selection.advance(base, [named("base_joint_offset", "leg 3")], simulated, lambda step: None, 0.0)
+    stage = selection.advance(base, [parameters.named("base_joint_offset", "leg 3")], simulated, lambda step: None, 0.0)
     assert len(stage.lines) == 1 and stage.rivals == []
 
 

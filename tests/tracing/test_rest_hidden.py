@@ -16,7 +16,6 @@ from hexsim.tracing.balances import bends, continuity, null
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, rest_hidden, rest_priors
 from hexsim.tracing.fitting.limits import reached
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.report.hidden import would_show
 from hexsim.tracing.steps import balance_search, logs, violations
@@ -56,9 +55,9 @@ def test_a_number_that_physics_bounds_stays_in_the_middle_where_no_log_shows_it(
     """A polytropic exponent costs nothing at 1.2 and 3 at 1 and at 1.4; a gas volume and a frequency cost nothing anywhere."""
     for exponent, cost in ((1.0, 3.0), (1.2, 0.0), (1.4, 3.0)):
         numbers = {"gas_volume_m3": 3e-4, "line_resistance_Pa_s_m3": 8e9, "polytropic_exponent": exponent}
-        fit = bare_fit(named("gas_accumulator"), values=(numbers,))
+        fit = bare_fit(parameters.named("gas_accumulator"), values=(numbers,))
         assert rest_priors.prior_precision(fit) @ rest_priors.off_prior(fit) ** 2 == pytest.approx(cost)
-    lag = bare_fit(named("spool_lag"), values=({"frequency_Hz": 30.0, "damping": 2.9},))
+    lag = bare_fit(parameters.named("spool_lag"), values=({"frequency_Hz": 30.0, "damping": 2.9},))
     assert rest_priors.prior_precision(lag) @ rest_priors.off_prior(lag) ** 2 == 0.0
 
 
@@ -66,7 +65,7 @@ def hidden_beside(A, least=100.0, effect="entrained_air"):
     """What is hidden of an effect with this normal matrix: its column last, bulk modulus first."""
     modulus = next(prior for prior in parameters.priors(BENCH) if prior.key == "bulk_modulus_Pa")
     bare = replace(bare_fit(), priors=(modulus,), deviations=np.zeros(1))
-    return rest_hidden.hidden_of(bare, A, named(effect), least)
+    return rest_hidden.hidden_of(bare, A, parameters.named(effect), least)
 
 
 def test_what_hides_an_effect_known_as_well_as_is_said_lets_its_typical_size_show():
@@ -123,7 +122,7 @@ def test_a_gain_that_is_taken_out_leaves_the_noise_of_a_row_as_it_was():
         sizes = []
         for change in (0.0, 0.1):
             gained = parameters.with_settings(
-                machine, {}, [(named(name), {"relative_change": change}) for name in names]
+                machine, {}, [(parameters.named(name), {"relative_change": change}) for name in names]
             )
             clean = (null.used(log, balance.residual(log, gained)),)
             rows = balance_problem.BalanceRows(balance=balance, sigma=np.ones(1), rows=(0,), clean=clean)
@@ -137,7 +136,7 @@ def test_a_limit_that_no_motion_reaches_is_not_said_to_show():
     trace = logs.begin(DATA / "bench_none", ["fit"], ["validate"])
     for step in (violations.STEP, balance_search.STEP):
         trace = step.run(trace, lambda doing: None)
-    limit, problem = named("spool_rate_limit"), trace.balance_problem
+    limit, problem = parameters.named("spool_rate_limit"), trace.balance_problem
     shown = reached(trace.base, limit, problem, rules.alarm(trace.screened))
     gain = BENCH.valve.spool_travel_max_m / BENCH.valve.voltage_max_V
     asked = 2 * np.pi * 250.0 * gain * np.abs(np.diff(trace.fit_problem.logs[0].volts[0])).max()

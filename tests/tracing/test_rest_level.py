@@ -19,7 +19,6 @@ from hexsim.tracing.balances import balance as points
 from hexsim.tracing.balances import continuity, null
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, rest_evidence, rest_level, rest_priors
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems import balance as balance_problem
 from hexsim.tracing.problems import problem as problems
 from hexsim.tracing.steps import balance_search, dominant, logs, shapes, violations
@@ -71,7 +70,7 @@ def test_a_small_reality_costs_as_much_at_its_reach_as_a_declared_parameter_at_i
     small = tuple(rest_level.ordinary_effects(parameters.candidates(load_machine(DATA / "bench_none"))))
     values = tuple(c.start() | {c.effect.parameters[0].name: 0.0} for c in small)
     bare = least_squares.Fit(
-        machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(*small, named("spring")),
+        machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(*small, parameters.named("spring")),
         values=(*values, {"stiffness_N_m": 0.0}), chi2=0.0, n=0, misfit=[],
     )  # fmt: skip
     *precision, last = rest_level.prior_precision(bare)
@@ -118,7 +117,9 @@ def soft_bench(compliance):
     """(declared machine, that with a hose, a problem whose log is the simulated run of the second with noise)."""
     problem = logs.begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem
     declared = load_machine(DATA / "bench_none")
-    soft = parameters.with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": compliance})])
+    soft = parameters.with_settings(
+        declared, {}, [(parameters.named("hose_compliance"), {"compliance_m3_Pa": compliance})]
+    )
     resolution = declared.sensors.position_resolution_m
     log = null.with_noise(problem.simulated(soft, 0), problem.noise, resolution, np.random.default_rng(3))
     return declared, soft, replace(problem, logs=(log,))
@@ -147,7 +148,9 @@ def test_noise_of_the_pressure_does_not_ask_for_a_stiffer_chamber():
     )
     [fast] = [part.balance for part in joint.parts]
     quiet = problem.simulated(declared, 0)
-    softer = parameters.with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": 1e-13})])
+    softer = parameters.with_settings(
+        declared, {}, [(parameters.named("hose_compliance"), {"compliance_m3_Pa": 1e-13})]
+    )
 
     def noise(balance, machine):
         return float(
@@ -164,7 +167,7 @@ def test_what_the_samples_of_a_late_accelerometer_leave_is_its_own_machines():
     problem, declared = logs.begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem, BENCH
 
     def late_by(delay_s):
-        return parameters.with_settings(declared, {}, [(named("accelerometer_delay"), {"delay_s": delay_s})])
+        return parameters.with_settings(declared, {}, [(parameters.named("accelerometer_delay"), {"delay_s": delay_s})])
 
     quiet = problem.simulated(late_by(5.24e-3), 0)
     log = null.with_noise(quiet, problem.noise, declared.sensors.position_resolution_m, np.random.default_rng(3))
@@ -221,7 +224,7 @@ def spring_beside(misfit, column):
     log = Log(name="fit", kind="bench", time=TIME_s, rate=100.0, position=np.zeros((1, 2000)))
     row = balance_problem.BalanceRows(balance=balances.balance_named("continuity", BENCH), sigma=np.ones(1), rows=(0,))
     fit = least_squares.Fit(
-        machine=BENCH, priors=(), deviations=np.zeros(0), candidates=(named("spring"),), values=({"stiffness_N_m": 0.0},),
+        machine=BENCH, priors=(), deviations=np.zeros(0), candidates=(parameters.named("spring"),), values=({"stiffness_N_m": 0.0},),
         chi2=0.0, n=2000, misfit=[misfit],
     )  # fmt: skip
     found = rest_level.RestFit(fit=fit, columns=[column[None]], cost=0.0)
@@ -241,10 +244,12 @@ def test_a_number_is_no_sharper_than_what_may_be_there_unseen(monkeypatch, share
     part of the same, the logs see the other part, and no more of it can hide than they leave; what does something else takes nothing."""
     own, other = (np.sqrt(2.0) * wave(np.pi * TIME_s)[None] for wave in (np.sin, np.cos))
     found, problem = spring_beside(2.0 * np.sqrt(2.0) * np.sin(7.0 * np.pi * TIME_s)[None], own)
-    unfitted = named("hardening_spring")
+    unfitted = parameters.named("hardening_spring")
     column = share * own + np.sqrt(1.0 - share**2) * other
     monkeypatch.setattr(rest_level, "columns_of", lambda fit, candidates, problem: [[column] for _ in candidates])
-    alone, beside = (rest_level.covariance_of(found, problem, some)[0, 0] for some in ([], [unfitted, named("spring")]))
+    alone, beside = (
+        rest_level.covariance_of(found, problem, some)[0, 0] for some in ([], [unfitted, parameters.named("spring")])
+    )
     known = 100.0 / 4.0  # 1/variance of a column of size 1 beside a rest of size 2 in 100 correlation times
     hidden = 1.0 / (known * (1.0 - share**2) + 3.0 / rest_priors.least_remarkable(unfitted) ** 2)
     assert beside - alone == pytest.approx(share**2 * hidden, rel=1e-2, abs=1e-9)
@@ -256,8 +261,8 @@ def test_an_effect_in_one_leg_is_told_with_what_all_legs_share_of_it():
     small = {
         candidate.effect.name: candidate for candidate in rest_level.ordinary_effects(parameters.candidates(machine))
     }
-    shared, leak = small["leakage_chamber_to_tank"], named("leakage_chamber_to_tank", "leg 4")
-    slow, spool = small["spool_lag"], named("spool_lag", "leg 4")
+    shared, leak = small["leakage_chamber_to_tank"], parameters.named("leakage_chamber_to_tank", "leg 4")
+    slow, spool = small["spool_lag"], parameters.named("spool_lag", "leg 4")
     values = tuple(
         {own.effect.parameters[0].name: size}
         for own, size in ((shared, 0.2e-12), (slow, 200.0), (leak, 1.3e-12), (spool, 30.0))
@@ -271,7 +276,7 @@ def test_an_effect_in_one_leg_is_told_with_what_all_legs_share_of_it():
 
 
 SURE = rest_evidence.Evidence(
-    candidate=named("spring"), share=0.9, unseen=0.9, own=1.0, restored=(0.9, 0.9), remarkable=2.0, tied=(),
+    candidate=parameters.named("spring"), share=0.9, unseen=0.9, own=1.0, restored=(0.9, 0.9), remarkable=2.0, tied=(),
 )  # fmt: skip
 
 
@@ -342,26 +347,26 @@ def test_a_fast_row_is_no_other_residual_than_its_slow_one():
 
 def test_the_gain_of_a_late_sensor_may_be_a_filter():
     """Of the same sensor only."""
-    late = [replace(SURE, candidate=named("accelerometer_delay"))]
-    assert dominant.is_sensor_lag(named("accelerometer_gain"), late)
-    assert not dominant.is_sensor_lag(named("pressure_gain"), late)
+    late = [replace(SURE, candidate=parameters.named("accelerometer_delay"))]
+    assert dominant.is_sensor_lag(parameters.named("accelerometer_gain"), late)
+    assert not dominant.is_sensor_lag(parameters.named("pressure_gain"), late)
 
 
 def test_the_gain_against_an_accelerometer_that_is_late_by_part_of_a_sample_may_be_a_filter():
     """Its own and the position's, which are one ratio; of a pressure it may not, nor where the accelerometer is on time."""
 
     def late_by(delay_s):
-        return SimpleNamespace(candidates=(named("accelerometer_delay"),), values=({"delay_s": delay_s},))
+        return SimpleNamespace(candidates=(parameters.named("accelerometer_delay"),), values=({"delay_s": delay_s},))
 
     for name in ("accelerometer_gain", "position_gain"):
-        assert dominant.is_sensor_lag(named(name), [], late_by(4.4e-4))
-        assert not dominant.is_sensor_lag(named(name), [], late_by(2e-5))
-    assert not dominant.is_sensor_lag(named("pressure_gain"), [], late_by(4.4e-4))
+        assert dominant.is_sensor_lag(parameters.named(name), [], late_by(4.4e-4))
+        assert not dominant.is_sensor_lag(parameters.named(name), [], late_by(2e-5))
+    assert not dominant.is_sensor_lag(parameters.named("pressure_gain"), [], late_by(4.4e-4))
 
 
 def test_an_inclines_coordinate_is_proportional_to_its_force():
     """1 - cos of twice the coordinate is twice as much, within 2 % at 0.3 rad; to a value and back is the identity."""
-    [angle] = named("incline").effect.parameters
+    [angle] = parameters.named("incline").effect.parameters
     weight = [1.0 - np.cos(parameters.to_value(angle, x)) for x in (0.5, 1.0)]
     assert weight[1] / weight[0] == pytest.approx(2.0, rel=0.02)
     for value in (0.01, 0.3, 1.2):
@@ -374,7 +379,7 @@ def test_of_a_tie_what_leaves_least_of_all_runs_stands_first_and_a_nuisance_of_o
     monkeypatch.setattr(rest_level, "cost_of_rows", lambda fit, unseen: fit.unseen)
 
     def rival(name, value, cost, unseen):
-        candidate = named(name)
+        candidate = parameters.named(name)
         values = {candidate.effect.parameters[0].name: value}
         return SimpleNamespace(fit=SimpleNamespace(candidates=[candidate], values=[values], unseen=unseen), cost=cost)
 
@@ -392,7 +397,9 @@ def test_a_spool_that_the_base_took_for_the_effect_is_given_back():
         balance_problem.BalanceProblem(logs=problem.logs, parts=()), problem, declared
     )
     bare = least_squares.start_fit(declared, (), joint)
-    fit = replace(bare, candidates=(spool, named("valve_delay")), values=({"frequency_Hz": 120.0}, {"delay_s": 1e-3}))
+    fit = replace(
+        bare, candidates=(spool, parameters.named("valve_delay")), values=({"frequency_Hz": 120.0}, {"delay_s": 1e-3})
+    )
     lagging = rest_level.RestFit(fit=least_squares.evaluate(fit, joint), columns=[], cost=0.0)
     without = rest_level.without_lag(lagging, joint)
     assert without is not None and np.isinf(without.fit.values[0]["frequency_Hz"])
@@ -408,7 +415,7 @@ def test_a_delay_is_held_against_its_spool_with_every_later_effect(monkeypatch):
     problem = SimpleNamespace(logs=[SimpleNamespace(time=np.array([0.0, 20.0]))])
 
     def beside(label):
-        fit = SimpleNamespace(candidates=(named(label), named("coulomb_friction_change")))
+        fit = SimpleNamespace(candidates=(parameters.named(label), parameters.named("coulomb_friction_change")))
         return SimpleNamespace(fit=fit, cost=742.0)
 
     given_back = SimpleNamespace(fit=beside("valve_delay").fit, cost=733.0)
@@ -424,7 +431,7 @@ def test_effects_whose_columns_tell_little_leave_room_for_those_that_promise_mos
     machine = load_machine("micro_motion_system")
     possible = [c for c in parameters.candidates(machine) if c.effect.name != "incline"]
     asked = [(float(k), candidate, 0.1) for k, candidate in enumerate(possible)]
-    leak = named("leakage_supply_to_chamber", "leg 3")
+    leak = parameters.named("leakage_supply_to_chamber", "leg 3")
     asked.insert(0, (1e4, leak, 1.0))
     listed = dominant.worth_a_refit(asked, bending=True)
     bending = [job for job in listed if np.isinf(job[1].effect.parameters[0].neutral)]
@@ -444,10 +451,10 @@ def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod(hexapod):
         for own in (balances.balance_named(name, hexapod) for name in ("continuity", "platform"))
     ]
     problem = balance_problem.BalanceProblem(logs=(log,), parts=tuple(parts))
-    assert rest_evidence.own_rows(named("leakage_supply_to_chamber", "leg 3"), problem) == [2]
-    assert rest_evidence.own_rows(named("valve_hysteresis"), problem) == [0, 1, 2, 3, 4, 5]
+    assert rest_evidence.own_rows(parameters.named("leakage_supply_to_chamber", "leg 3"), problem) == [2]
+    assert rest_evidence.own_rows(parameters.named("valve_hysteresis"), problem) == [0, 1, 2, 3, 4, 5]
     for name in ("coulomb_friction_change", "pressure_dependent_friction", "spring"):
-        assert rest_evidence.own_rows(named(name, "leg 3"), problem) == [6, 7, 8, 9, 10, 11]
+        assert rest_evidence.own_rows(parameters.named(name, "leg 3"), problem) == [6, 7, 8, 9, 10, 11]
 
 
 class LegFlows(problems.FitProblem):
@@ -483,7 +490,7 @@ def test_a_legs_own_null_offset_takes_nothing_from_the_leak_in_it():
     problem = LegFlows(np.array([0, 0, 1.7, 0, 0, 0]), np.array([2e-3, 2e-3, -5e-3, 2e-3, 2e-3, 2e-3]))
     machine = load_machine("micro_motion_system")
     small = [c for c in rest_level.ordinary_effects(parameters.candidates(machine)) if c.effect.name == "null_offset"]
-    leak = named("leakage_chamber_to_tank", "leg 3")
+    leak = parameters.named("leakage_chamber_to_tank", "leg 3")
     bare = least_squares.start_fit(machine, (), problem)
     begun = least_squares.with_effects(least_squares.with_effects(bare, small, 0.0, problem), [leak], 1.0, problem)
     shared = rest_level.refined(begun, problem)

@@ -13,7 +13,6 @@ from hexsim.signals import channels
 from hexsim.tracing import balances
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters, screening, selection
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.problems import balance
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation import start as starts
@@ -37,7 +36,10 @@ def test_more_oil_can_stand_for_a_softer_hose(bench):
     soft = changed(machine, {"effects.hose_compliance.compliance_m3_Pa": 3e-14})
     problem = SimulatedProblem(logs=(problem.simulated(soft, 0),), noise=problem.noise)
     fit = least_squares.with_effects(
-        least_squares.start_fit(machine, parameters.priors(machine), problem), [named("hose_compliance")], 0.6, problem
+        least_squares.start_fit(machine, parameters.priors(machine), problem),
+        [parameters.named("hose_compliance")],
+        0.6,
+        problem,
     )
     fit = least_squares.evaluate(dataclasses.replace(fit, values=({"compliance_m3_Pa": 3e-14},)), problem)
     fit = least_squares.parameter_columns(fit, problem)
@@ -46,7 +48,7 @@ def test_more_oil_can_stand_for_a_softer_hose(bench):
         for candidate, size in ties.stand_ins(fit, 0, parameters.candidates(machine), problem)
     }
     assert "mass_change" not in found
-    volume = found["dead_volume"] * named("dead_volume").effect.parameters[0].typical
+    volume = found["dead_volume"] * parameters.named("dead_volume").effect.parameters[0].typical
     assert volume == pytest.approx(
         3e-14 * machine.oil.bulk_modulus_Pa, rel=0.15
     )  # tangents; E itself is free beside it
@@ -132,7 +134,7 @@ def test_a_hose_and_a_dead_volume_are_one_term(bench):
         problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
         of_balances = balance.BalanceProblem(logs=(log,), parts=(part,))
         fit = least_squares.with_effects(
-            least_squares.start_fit(aired, (), problem), [named("hose_compliance")], 0.6, problem
+            least_squares.start_fit(aired, (), problem), [parameters.named("hose_compliance")], 0.6, problem
         )
         found = ties.same_terms(fit, 0, possible, of_balances, problem)
         assert set(found) == expected
@@ -150,13 +152,13 @@ def test_a_hose_reads_as_a_dead_volume_with_the_error_of_the_oil(bench):
     of_balances = balance.BalanceProblem(logs=(log,), parts=(part,))
     known = tuple(own for own in parameters.priors(machine) if "bulk_modulus" in own.key)
     fit = least_squares.with_effects(
-        least_squares.start_fit(machine, known, of_balances), [named("hose_compliance")], 0.6, of_balances
+        least_squares.start_fit(machine, known, of_balances), [parameters.named("hose_compliance")], 0.6, of_balances
     )
     hose, oil = fit.values[0]["compliance_m3_Pa"], machine.oil.bulk_modulus_Pa
     in_C, in_E = 0.01 * parameters.to_coordinate(fit.candidates[0].free()[0], hose), 0.02 / known[0].half_width
     for together, expected in ((0.0, np.sqrt(5.0)), (-1.0, 1.0)):
         covariance = np.array([[in_E**2, together * in_E * in_C], [together * in_E * in_C, in_C**2]])
-        read = read_as(dataclasses.replace(fit, covariance=covariance), 0, named("dead_volume"), of_balances)
+        read = read_as(dataclasses.replace(fit, covariance=covariance), 0, parameters.named("dead_volume"), of_balances)
         assert read.values["volume_m3"] == pytest.approx(hose * oil, rel=1e-3)
         assert read.standard_errors["volume_m3"] == pytest.approx(0.01 * expected * hose * oil, rel=1e-2)
 
@@ -168,11 +170,13 @@ def test_an_incline_stands_for_a_force_of_its_sign_only(bench, force_N, expected
     part = balance.BalanceRows(balance=balances.balance_named("force", machine), sigma=np.ones(1), rows=(0,))
     problem = SimulatedProblem(logs=(log,), noise=channels.noise_of(machine, [log]))
     fit = least_squares.with_effects(
-        least_squares.start_fit(machine, (), problem), [named("constant_force")], 0.1, problem
+        least_squares.start_fit(machine, (), problem), [parameters.named("constant_force")], 0.1, problem
     )
     fit = dataclasses.replace(fit, values=({"force_N": force_N},))
     of_balances = balance.BalanceProblem(logs=(log,), parts=(part,))
-    found = ties.same_terms(fit, 0, [named("incline"), named("mass_change")], of_balances, problem)
+    found = ties.same_terms(
+        fit, 0, [parameters.named("incline"), parameters.named("mass_change")], of_balances, problem
+    )
     assert set(found) == expected
 
 
@@ -185,7 +189,10 @@ def test_a_pump_limit_that_no_motion_takes_is_the_line_alone(bench, flow_max_m3_
     problem = SimulatedProblem(logs=(log.head(2.0),), noise=channels.noise_of(machine, [log]))
     problem = SimulatedProblem(logs=(problem.simulated(starved, 0),), noise=problem.noise)
     fit = least_squares.with_effects(
-        least_squares.start_fit(machine, (), problem), [named("pump_flow_limit")], 1e-4 / flow_max_m3_s, problem
+        least_squares.start_fit(machine, (), problem),
+        [parameters.named("pump_flow_limit")],
+        1e-4 / flow_max_m3_s,
+        problem,
     )
     assert selection.inert(fit, problem) == nothing
 
@@ -196,7 +203,7 @@ def test_a_column_at_one_shape_promises_the_least(bench):
 
     def line(name, gain):
         return screening.Screened(
-            candidate=named(name), size=0.1, gain_chi2=gain, share=0.0, sd=0.01,
+            candidate=parameters.named(name), size=0.1, gain_chi2=gain, share=0.0, sd=0.01,
             explained_by_others=0.0, reach=1e9, column=(),
         )  # fmt: skip
 
@@ -228,7 +235,7 @@ def test_only_what_the_balances_leave_open_is_tried_as_a_tie(bench):
     fit = least_squares.parameter_columns(
         least_squares.start_fit(machine, parameters.priors(machine), problem), problem
     )
-    possible = [named(name) for name in ("hose_compliance", "dead_volume", "null_offset", "mass_change")]
+    possible = [parameters.named(name) for name in ("hose_compliance", "dead_volume", "null_offset", "mass_change")]
     lines = screening.screen(fit, possible, problem)
     assert ties.alike_in_balances(possible[0], possible, lines) == [possible[0], possible[1], possible[3]]
     assert ties.alike_in_balances(possible[3], possible, lines) == possible

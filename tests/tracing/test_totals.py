@@ -13,12 +13,11 @@ from hexsim.tracing.design import words
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters
 from hexsim.tracing.fitting.fitted_numbers import totals_of
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.report import content, readings
 from hexsim.tracing.report import tables as report_tables
 
 BENCH = Path(__file__).parents[1] / "data" / "bench_none"
-VISCOUS = named("viscous_friction_change")
+VISCOUS = parameters.named("viscous_friction_change")
 ADDING = [effect for effect in effects.library().values() if effect.parameters and effect.parameters[0].adds_to]
 
 
@@ -86,7 +85,7 @@ def test_a_design_says_the_sum_that_is_known() -> None:
 def test_a_second_effect_of_the_name_has_no_sum_of_its_own() -> None:
     """All legs and one leg besides: in that leg three numbers add up, and none of the two effects makes the sum alone."""
     fit = fitted(VISCOUS, 1.0, -1.0)
-    twice = least_squares.Fit(**(vars(fit) | {"candidates": (VISCOUS, named("viscous_friction_change", "leg 1")),
+    twice = least_squares.Fit(**(vars(fit) | {"candidates": (VISCOUS, parameters.named("viscous_friction_change", "leg 1")),
                                 "values": fit.values * 2, "covariance": np.eye(4)}))  # fmt: skip
     assert totals_of(twice, VISCOUS) == []
 

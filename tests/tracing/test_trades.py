@@ -9,11 +9,10 @@ import pytest
 from hexsim.machine import load_machine
 from hexsim.tracing.fitting import fit as least_squares
 from hexsim.tracing.fitting import parameters
-from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.report import trades as trading
 
 DATA = Path(__file__).parents[1] / "data"
-HOSE, SPOOL = named("hose_compliance"), named("spool_lag")
+HOSE, SPOOL = parameters.named("hose_compliance"), parameters.named("spool_lag")
 MODULUS = parameters.Prior(key="bulk_modulus_Pa", dotted="oil.bulk_modulus_Pa", declared=1.5e9, half_width=0.1)
 
 
