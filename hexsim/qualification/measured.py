@@ -24,6 +24,7 @@ from hexsim.errors import HexsimError
 from hexsim.files.atomic import write_text
 from hexsim.machine.files import machine_tables
 from hexsim.mechanics.mechanics import Mechanics
+from hexsim.mechanics.points import mounting, point_acceleration
 from hexsim.qualification import measures
 from hexsim.qualification.battery import Findings
 from hexsim.qualification.page import page
@@ -190,17 +191,14 @@ def at_origin(
         )
     if not mechanics.has_platform:
         return measured - (measured.mean() if imu.has_gravity else 0.0), notes
-    from scipy.spatial.transform import Rotation
-
-    roll, pitch, yaw = imu.turn_deg
-    found = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).apply(measured.T)
+    found = measured.T @ mounting(imu.turn_deg).T
     if imu.has_gravity:
         found = found - np.einsum("kji,j->ki", mechanics.rotation(pose), [0.0, 0.0, gravity_m_s2])
     if any(imu.offset_m) and angular is not None:
-        offset, time = np.array(imu.offset_m), np.arange(len(pose)) / rate
+        time = np.arange(len(pose)) / rate
         rates = np.column_stack([np.gradient(band_limit(time, column, BANDWIDTH_Hz), 1 / rate) for column in pose.T])
         turning = mechanics.to_platform_frame(pose, mechanics.twist(pose, rates))[:, 3:]
-        found = found - np.cross(angular.T, offset) - np.cross(turning, np.cross(turning, offset))
+        found = found - point_acceleration(np.zeros_like(found), angular.T, turning, imu.offset_m)
     return found.T, notes
 
 

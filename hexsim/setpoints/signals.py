@@ -2,23 +2,21 @@
 
 constant, sine, block, triangle, multisine, sweep (`formulas`); constant_acceleration_reversals,
 constant_velocity_strokes (`paths`); file (`signal_file`); fmu (`fmu_signal`).
-`signal_from_dict({"kind": "sine", "amplitude": 0.05, "frequency_Hz": 0.5})` makes one from a scenario's data,
-`signal_to_dict` turns it back. Amplitudes are in m or rad.
+A scenario's [axes.z] with kind = "sine", amplitude = 0.05, frequency_Hz = 0.5 is one; `signal_to_dict` turns it back into such data.
+Amplitudes are in m or rad.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from functools import reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from hexsim.declaration import Section, between, section_of, values_of
 from hexsim.errors import HexsimError
-from hexsim.files.toml_files import validation_sentence
 from hexsim.setpoints.fmu_signal import FmuSignal
 from hexsim.setpoints.formulas import Block, Constant, Multisine, Sine, Sweep, Triangle
 from hexsim.setpoints.paths import ConstantAccelerationReversals, ConstantVelocityStrokes
@@ -44,7 +42,6 @@ __all__ = [
     "evaluate",
     "faded",
     "read_setpoint_file",
-    "signal_from_dict",
     "signal_from_table",
     "signal_to_dict",
 ]
@@ -76,21 +73,6 @@ else:
     SignalTable = Annotated[
         reduce(or_, (section_of(signal, *FADE) for signal in SIGNAL_KINDS.values())), Field(discriminator="kind")
     ]
-_CHECK = TypeAdapter(SignalTable)
-
-
-def signal_from_dict(data: Mapping[str, Any], where: str = "signal", *, allow_native: bool = False) -> Signal:
-    """A signal from {"kind": ..., its keys ...}; optional "fade_in_s" and "fade_shape" ("linear" or "smooth").
-
-    allow_native: a foreign FMU may run its code.
-
-    Raises HexsimError naming `where`, the key, and what is allowed, for an unknown kind or key, a missing key, or a
-    value of the wrong type or size.
-    """
-    try:
-        return signal_from_table(_CHECK.validate_python(data), where, allow_native=allow_native)
-    except ValidationError as error:
-        raise HexsimError(f"{where}: {validation_sentence(error, SignalTable)}") from None
 
 
 def signal_from_table(table: Section, where: str, *, allow_native: bool = False) -> Signal:
@@ -107,7 +89,7 @@ def signal_from_table(table: Section, where: str, *, allow_native: bool = False)
 
 
 def signal_to_dict(signal: Signal) -> dict[str, Any]:
-    """The data from which `signal_from_dict` makes the same signal."""
+    """The data of a scenario's axis from which the same signal is made."""
     if isinstance(signal, Faded):
         return signal_to_dict(signal.signal) | {"fade_in_s": signal.duration_s, "fade_shape": signal.shape}
     values = {field.name: getattr(signal, field.name) for field in dataclasses.fields(signal)}  # type: ignore[arg-type]

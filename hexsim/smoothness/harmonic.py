@@ -53,7 +53,7 @@ class HalfHertzNoise:
     fundamental = |A1|; sigma_f = |A1| / sqrt 2; sigma_n = rms(a - mean - a_f);
     sigma_lf = sqrt((|A2|^2 + |A3|^2) / 2); sigma_hf = sqrt(sum_{k >= 4} |A_k|^2 / 2);
     sigma_s = sqrt(sigma_n^2 - sigma_lf^2 - sigma_hf^2), what is not periodic; ratio = sigma / sigma_f;
-    peak = max |a - mean - a_f|; peak_ratio = peak_band / |A1|.
+    peak = max |a - mean - a_f|.
     Ratios are None where there is no fundamental.
     """
 
@@ -61,11 +61,8 @@ class HalfHertzNoise:
     bandwidth_Hz: float | None
     periods: int
     fundamental: float
-    fundamental_phase_rad: float
     peak_raw: float
     peak_band: float
-    noise_rms: float
-    noise_rms_raw: float
     sigma_f: float
     sigma_n: float
     sigma_lf: float
@@ -74,8 +71,6 @@ class HalfHertzNoise:
     ratio_n: float | None
     ratio_lf: float | None
     ratio_hf: float | None
-    ratio_s: float | None
-    peak_ratio: float | None
 
 
 def whole_periods(time: Array, frequency_Hz: float, start_s: float | None) -> tuple[slice, int]:
@@ -186,11 +181,8 @@ def half_hertz_noise(
         bandwidth_Hz=bandwidth_Hz,
         periods=part.periods,
         fundamental=part.amplitude,
-        fundamental_phase_rad=part.phase_rad,
         peak_raw=peak_raw,
         peak_band=peak_band,
-        noise_rms=sigma_n,
-        noise_rms_raw=float(np.sqrt(np.mean(part.raw**2))),
         sigma_f=sigma_f,
         sigma_n=sigma_n,
         sigma_lf=sigma_lf,
@@ -199,8 +191,6 @@ def half_hertz_noise(
         ratio_n=per(sigma_n, sigma_f),
         ratio_lf=per(sigma_lf, sigma_f),
         ratio_hf=per(sigma_hf, sigma_f),
-        ratio_s=per(sigma_s, sigma_f),
-        peak_ratio=per(peak_band, part.amplitude),
     )
 
 

@@ -17,11 +17,9 @@ ROTATIONS = ("roll", "pitch", "yaw")
 
 @dataclass(frozen=True, kw_only=True)
 class Parasitic:
-    """What an axis that is not driven does: rms and peak of a - mean, in the band and raw."""
+    """What an axis that is not driven does: the peak of a - mean, in the band and raw."""
 
-    rms_band: float
     peak_band: float
-    rms_raw: float
     peak_raw: float
 
 
@@ -92,7 +90,7 @@ def parasitic(
     raw = np.asarray(acceleration, dtype=float)[time >= start]
     band = band_limit(time, acceleration, bandwidth_Hz)[(time >= max(start, begin)) & (time <= end)]
     raw, band = raw - raw.mean(), band - band.mean()
-    return Parasitic(rms_band=_rms(band), peak_band=_peak(band), rms_raw=_rms(raw), peak_raw=_peak(raw))
+    return Parasitic(peak_band=_peak(band), peak_raw=_peak(raw))
 
 
 def _peak(deviation: Array) -> float:
@@ -138,7 +136,7 @@ def _axis_figures(
     noise = None
     if frequency is not None and whole_periods(time, frequency, start_s)[1] >= 1:
         noise = half_hertz_noise(time, acceleration, frequency, bandwidth_Hz, start_s)
-        peak_raw, peak_band, rms = noise.peak_raw, noise.peak_band, noise.noise_rms
+        peak_raw, peak_band, rms = noise.peak_raw, noise.peak_band, noise.sigma_n
     else:
         part = deviation_from_command(
             time, acceleration, command, bandwidth_Hz=bandwidth_Hz, delay_s=delay, start_s=start_s

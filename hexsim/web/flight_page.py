@@ -12,9 +12,10 @@ from hexsim.cueing.shaping import AXES, AxisShape
 from hexsim.recording.quantity import DEG
 from hexsim.web.flight import SHOWN_S, Flight, FlightShown
 from hexsim.web.machine_page import PANEL_PX, SLIDERS_PX, MachinePage
-from hexsim.web.page import BOTTOM, SMALLEST, TOP, round_up
+from hexsim.web.page import BOTTOM, SMALLEST, TOP, round_up, scales
 
 GREY = "#8a8a8a"
+SPAN_S = np.array([-SHOWN_S, 0.0])  # of the chart
 IS_TURN = {axis: axis in ("roll", "pitch", "yaw") for axis in AXES}
 WIDEST = {False: 2.0, True: 20.0}  # of a dead band's slider, m/s2 or deg/s
 
@@ -91,16 +92,15 @@ class FlightPage(MachinePage):
         panel = gui.add_panel()
         with panel.add_tab("Flown and felt"):
             self.digits = gui.add_html("")
-            nothing = np.array([-SHOWN_S, 0.0])
             self.chart = gui.add_uplot(
-                data=(nothing, np.zeros(2), np.zeros(2), np.zeros(2)),
+                data=(SPAN_S, np.zeros(2), np.zeros(2), np.zeros(2)),
                 series=(
                     uplot.Series(label="time"),
                     uplot.Series(label="flown", stroke=GREY, width=1),
                     uplot.Series(label="asked", stroke=BOTTOM, width=2, dash=(6, 4)),
                     uplot.Series(label="felt", stroke=TOP, width=2),
                 ),
-                scales=_scales(1.0),
+                scales=scales(SPAN_S, 1.0),
                 axes=_axes("m/s²"),
                 legend=uplot.Legend(live=False),
                 height=340,
@@ -125,14 +125,7 @@ class FlightPage(MachinePage):
             frame = (round_up(largest), name)
             if frame != self._frame:
                 self._frame = frame
-                self.chart.scales, self.chart.axes = _scales(frame[0]), _axes(name)
-
-
-def _scales(largest: float) -> dict[str, uplot.Scale]:
-    return {
-        "x": uplot.Scale(time=False, auto=False, range=(-SHOWN_S, 0.0)),
-        "y": uplot.Scale(auto=False, range=(-largest, largest)),
-    }
+                self.chart.scales, self.chart.axes = scales(SPAN_S, frame[0]), _axes(name)
 
 
 def _axes(unit: str) -> tuple[uplot.Axis, ...]:

@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 from hexsim import HexsimError
+from hexsim.scenarios import scenario_from_dict
 from hexsim.setpoints import signals
 
 SMOOTH = {  # signals whose velocity and acceleration exist everywhere
@@ -213,13 +214,19 @@ def test_evaluate_stacks_six_coordinates():
 # ---- from data and back ----------------------------------------------------------------------------------------------
 
 
+def of_data(data):
+    """The signal of a scenario's axis with this data."""
+    tables = {"name": "one", "mode": "dof", "duration_s": 1.0, "axes": {"z": data}}
+    return scenario_from_dict(tables, "heave").signals["z"]
+
+
 @pytest.mark.parametrize("fade", [None, "linear", "smooth"])
 @pytest.mark.parametrize("name", [*SMOOTH, *CORNERED])
 def test_signal_to_data_and_back(name, fade):
-    """signal_from_dict(signal_to_dict(s)) is s, for every kind and fade."""
+    """Its data in a scenario make the same signal, for every kind and fade."""
     signal = (SMOOTH | CORNERED)[name]
     signal = signal if fade is None else signals.faded(signal, 3.0, fade)
-    assert signals.signal_from_dict(signals.signal_to_dict(signal)) == signal
+    assert of_data(signals.signal_to_dict(signal)) == signal
 
 
 def test_every_kind_is_among_the_round_trips():
@@ -230,21 +237,30 @@ def test_every_kind_is_among_the_round_trips():
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"kind": "sinus"}, r"heave: kind = 'sinus': allowed are constant, sine, block, triangle, .* file$"),
-        ({"kind": ["sine"]}, r"heave: kind = \['sine'\]: allowed are constant, sine"),
-        ({"amplitude": 0.1}, r"heave: kind = None: allowed are"),
-        (3, r"heave: the file = 3: must be a table"),
+        (
+            {"kind": "sinus"},
+            r"heave: \[axes\.z\] kind = 'sinus': allowed are constant, sine, block, triangle, .* file$",
+        ),
+        ({"kind": ["sine"]}, r"heave: \[axes\.z\] kind = \['sine'\]: allowed are constant, sine"),
+        ({"amplitude": 0.1}, r"heave: \[axes\.z\] kind = None: allowed are"),
+        (3, r"heave: \[axes\] z = 3: must be a table"),
         (
             {"kind": "sine", "amplitude": 0.1, "frequency_Hz": 1.0, "frequency": 1.0},
-            r"heave: frequency is not a known key: did you mean frequency_Hz\? allowed are kind, amplitude, frequency_Hz",
+            r"heave: \[axes\.z\] frequency is not a known key: did you mean frequency_Hz\? allowed are kind, amplitude, frequency_Hz",
         ),
-        ({"kind": "sine", "amplitude": 0.1}, r"heave: frequency_Hz is missing: add it"),
+        ({"kind": "sine", "amplitude": 0.1}, r"heave: \[axes\.z\] frequency_Hz is missing: add it"),
         (
             {"kind": "sine", "amplitude": "big", "frequency_Hz": 1},
-            r"heave: amplitude = 'big': a number is needed, without quotes",
+            r"heave: \[axes\.z\] amplitude = 'big': a number is needed, without quotes",
         ),
-        ({"kind": "sine", "amplitude": True, "frequency_Hz": 1}, r"heave: amplitude = True: .*valid number"),
-        ({"kind": "sine", "amplitude": float("nan"), "frequency_Hz": 1}, r"heave: amplitude = nan: .*finite number"),
+        (
+            {"kind": "sine", "amplitude": True, "frequency_Hz": 1},
+            r"heave: \[axes\.z\] amplitude = True: .*valid number",
+        ),
+        (
+            {"kind": "sine", "amplitude": float("nan"), "frequency_Hz": 1},
+            r"heave: \[axes\.z\] amplitude = nan: .*finite number",
+        ),
         ({"kind": "sine", "amplitude": 0.1, "frequency_Hz": -1}, r"frequency_Hz = -1: .*1e-06 to 1000 is possible"),
         ({"kind": "block", "amplitude": 0.1, "frequency_Hz": 0}, r"frequency_Hz = 0: .*1e-06 to 1000 is possible"),
         ({"kind": "multisine", "amplitudes": [1, 2], "frequencies_Hz": [1]}, r"amplitudes = .*: give 1, one for each"),
@@ -265,14 +281,14 @@ def test_every_kind_is_among_the_round_trips():
         ({"kind": "constant_velocity_strokes", "cycles": 0}, r"cycles = 0: .*greater than or equal to 1"),
         ({"kind": "constant_velocity_strokes", "cycles": 1e308}, r"cycles = 1e\+308: .*valid integer"),
         ({"kind": "constant_velocity_strokes", "cycles": 10**9}, r"cycles = 1000000000: .*1 to 1000 is possible"),
-        ({"kind": "constant", "fade_in_s": -1}, r"heave: fade_in_s = -1: .*greater than or equal to 0"),
+        ({"kind": "constant", "fade_in_s": -1}, r"heave: \[axes\.z\] fade_in_s = -1: .*greater than or equal to 0"),
         ({"kind": "constant", "fade_in_s": 1, "fade_shape": "slow"}, r"fade_shape = 'slow': .*'linear' or 'smooth'"),
     ],
 )
 def test_bad_data_is_refused_naming_key_and_what_is_allowed(data, message):
-    """Each message says where, which key, what was given and what is allowed."""
+    """Each message says where, at which axis, which key, what was given and what is allowed."""
     with pytest.raises(HexsimError, match=message):
-        signals.signal_from_dict(data, where="heave")
+        of_data(data)
 
 
 # ---- files -----------------------------------------------------------------------------------------------------------
@@ -290,7 +306,7 @@ def test_file_signal_passes_its_samples(tmp_path, name):
     time = np.arange(0.0, 4.0, 0.01)
     sine = signals.Sine(amplitude=0.05, frequency_Hz=0.5, phase_rad=0.5 * np.pi)  # ends at rest, as the spline does
     path = write(tmp_path / name, time_s=time, z_m=sine.value(time), valve_V=time)
-    signal = signals.signal_from_dict({"kind": "file", "path": str(path), "column": "z_m"})
+    signal = of_data({"kind": "file", "path": str(path), "column": "z_m"})
     assert signal.value(time) == pytest.approx(sine.value(time), abs=1e-15)
     between = np.arange(0.505, 3.5, 0.01)
     assert signal.value(between) == pytest.approx(sine.value(between), abs=1e-8)
@@ -298,7 +314,7 @@ def test_file_signal_passes_its_samples(tmp_path, name):
     assert signal.value([-1.0, 10.0]) == pytest.approx([0.05, sine.value(time[-1])])
     assert not np.any(signal.velocity([-1.0, 10.0]))
     differences_agree(signal, between + 0.001)
-    assert signals.signal_from_dict(signals.signal_to_dict(signal)) == signal
+    assert of_data(signals.signal_to_dict(signal)) == signal
 
 
 def test_file_signal_starts_and_ends_at_rest(tmp_path):
@@ -373,4 +389,4 @@ def test_missing_and_foreign_files_are_refused(tmp_path):
         signals.read_setpoint_file(tmp_path / "motion.parquet")
     path = write(tmp_path / "motion.csv", time_s=[0.0, 1.0], z_m=[0.0, 0.1])
     with pytest.raises(HexsimError, match=r"heave: .*column = 'x_m': .*motion.csv has the setpoints z_m"):
-        signals.signal_from_dict({"kind": "file", "path": str(path), "column": "x_m"}, where="heave")
+        of_data({"kind": "file", "path": str(path), "column": "x_m"})
