@@ -146,7 +146,7 @@ def test_ringing_at_109_Hz_is_in_the_raw_peak_and_not_in_the_band():
     )
     assert noise.peak_raw == pytest.approx(0.5, rel=0.01)
     assert noise.peak_band < 0.01  # 0.001, and the padding at the end of the record
-    assert noise.noise_rms == pytest.approx(0.5 / np.sqrt(2.0) / (1.0 + 2.18**8), rel=0.3)
+    assert noise.sigma_n == pytest.approx(0.5 / np.sqrt(2.0) / (1.0 + 2.18**8), rel=0.3)
 
 
 def test_periods_need_not_fit_the_sample_rate():
