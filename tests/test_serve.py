@@ -233,7 +233,7 @@ def test_it_says_what_the_compensator_does(tmp_path) -> None:
 def test_the_example_host_drives_the_machine(monkeypatch, capsys) -> None:
     """examples/host.py starts a machine, moves it and settles it."""
     example = Path(__file__).parents[1] / "examples" / "host.py"
-    monkeypatch.setattr(sys, "argv", ["host.py", "--seconds", "2"])
+    monkeypatch.setattr(sys, "argv", ["host.py", "--seconds", "0.5"])
     runpy.run_path(str(example), run_name="__main__")
     said = capsys.readouterr().out
     assert "highest heave" in said and "settled at machine time" in said

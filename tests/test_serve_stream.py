@@ -5,6 +5,7 @@ import json
 import re
 import socket
 import struct
+import time
 
 import polars as pl
 import pytest
@@ -139,11 +140,16 @@ def test_rerun_gets_every_number(tmp_path, monkeypatch):
 
 
 def test_without_a_viewer_nothing_is_raised(monkeypatch):
-    """Rerun's address with nobody at it: rows and the end pass. A wait of 0.2 s for it is enough."""
+    """Rerun's address with nobody at it: beginning, rows and end pass, and wait no longer for it than they should (0.2 s each here;
+    the library alone waits for 5 s)."""
+    import rerun  # noqa: F401  # before the clock starts
+
     monkeypatch.setattr(stream_module, "FLUSH_s", 0.2)
+    begun = time.monotonic()
     stream = stream_module.open_stream("rerun+http://127.0.0.1:9/proxy")
     stream.row(0.0, {"position_m": 0.1, "pressure_top_Pa": None})
     stream.close()
+    assert time.monotonic() - begun < 4.0
 
 
 def test_addresses(capsys):

@@ -17,7 +17,6 @@ from hexsim.mechanics.leg_geometry import forward_rows
 from hexsim.mechanics.mechanics import DOF_NAMES, Mechanics
 
 NEWTON_MAX_ITERATIONS = 50  # quadratic convergence needs 4 to 6; more only where steps are shortened
-NEWTON_TOLERANCE_M = 1e-13  # residual length at which the iteration stops: 1e-13 m, about 450 ulp of a 1 m leg
 
 N_LEGS = len(DOF_NAMES)  # of a hexapod: one a degree of freedom
 Array = NDArray[np.float64]
@@ -102,7 +101,13 @@ class HexapodKinematics(Mechanics):
             neutral_height_m=neutral_height(base, platform, neutral_leg_length_m),
         )
 
-    def forward(self, piston_positions: ArrayLike, guess: ArrayLike | None = None) -> Array:
+    def forward(
+        self,
+        piston_positions: ArrayLike,
+        guess: ArrayLike | None = None,
+        *,
+        tolerance_m: float = 1e-13,  # residual length at which the iteration stops, about 450 ulp of a 1 m leg
+    ) -> Array:
         """Pose (..., 6) with these piston positions, by Newton from `guess` (pose(s), default neutral).
 
         Of the up to 40 poses with the same lengths it returns the one connected with the guess, as a rule. Raises
@@ -120,9 +125,9 @@ class HexapodKinematics(Mechanics):
             self.platform_joints,
             self.neutral_height_m,
             NEWTON_MAX_ITERATIONS,
-            NEWTON_TOLERANCE_M,
+            tolerance_m,
         )
-        found = residuals <= 100.0 * NEWTON_TOLERANCE_M
+        found = residuals <= 100.0 * tolerance_m
         if not found.all():
             row = int(np.argmin(found))
             raise HexsimError(

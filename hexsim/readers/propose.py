@@ -27,7 +27,6 @@ from hexsim.signals.table import measured_columns, places, table
 from hexsim.signals.units import UNITS, canonical, unit_of_name
 
 Array = np.ndarray
-FOLLOWS = 0.9  # correlation of a position with its setpoint
 DRIVES = 0.4  # correlation of volts with the position's rate
 WORDS = {
     "time": "time t timestamp zeit clock stamp",
@@ -271,7 +270,12 @@ def driven(
                 guesses[guesses.index(best)], guesses[guesses.index(valve)] = b, a
 
 
-def by_relation(guesses: list[Guess], machine: Machine) -> list[Guess]:
+def by_relation(
+    guesses: list[Guess],
+    machine: Machine,
+    *,
+    follows: float = 0.9,  # correlation of a position with its setpoint
+) -> list[Guess]:
     """Setpoint and position told apart by who follows whom; volts by the rate that they make."""
     by_column = {one.column: one for one in guesses}
     for leg in range(machine.n_legs):
@@ -280,11 +284,11 @@ def by_relation(guesses: list[Guess], machine: Machine) -> list[Guess]:
         )
         if position and setpoint and len(position.values) == len(setpoint.values):
             lag, alike = lag_of(setpoint.values, position.values)
-            if alike > FOLLOWS and lag < 0 and not (named_for(position) or named_for(setpoint)):
+            if alike > follows and lag < 0 and not (named_for(position) or named_for(setpoint)):
                 position.column, setpoint.column = setpoint.column, position.column
                 position, setpoint = setpoint, position
                 lag = -lag
-            if alike > FOLLOWS:
+            if alike > follows:
                 position.reasons.append(f"it follows {setpoint.signal.name} by {lag} samples")
         if position and valve and len(position.values) == len(valve.values):
             rate = np.gradient(np.nan_to_num(position.values))

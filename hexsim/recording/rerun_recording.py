@@ -8,7 +8,7 @@
     /<label>/supply                            [bar]
     /<label>/messages, /<label>/summary
 
-All series are sent in bulk (`send_columns`), accelerations at the log's own rate, pose and legs at `SLOW_RATE_Hz`;
+All series are sent in bulk (`send_columns`), accelerations at the log's own rate, pose and legs at 500 Hz;
 styling is static. Where several runs are shown, curves that no view of the blueprint has are left out.
 """
 
@@ -36,7 +36,6 @@ from hexsim.signals.table import table
 
 Array = NDArray[np.float64]
 
-SLOW_RATE_Hz = 500.0  # of pose and leg signals: the rate of the motion computer
 MESSAGE_LEVEL = "INFO"
 # entity of a leg: (signals, the first that the log has), what people read per SI unit, colour where not the leg's own
 LEG_CURVES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
@@ -130,10 +129,18 @@ class _Series:
     def alone(self) -> bool:
         return self.color is None
 
-    def slow_curve(self, path: str, values: Array | None, name: str, color: str) -> None:
-        """A curve at `SLOW_RATE_Hz` or the log's own rate, whichever is lower."""
+    def slow_curve(
+        self,
+        path: str,
+        values: Array | None,
+        name: str,
+        color: str,
+        *,
+        rate_Hz: float = 500.0,  # of the motion computer
+    ) -> None:
+        """A curve at this rate or the log's own, whichever is lower."""
         t = self.signals.time_s
-        every = max(1, round((len(t) - 1) / (np.ptp(t) * SLOW_RATE_Hz)))
+        every = max(1, round((len(t) - 1) / (np.ptp(t) * rate_Hz)))
         self.curve(path, t[::every], None if values is None else values[::every], name, color)
 
     def platform(self) -> None:

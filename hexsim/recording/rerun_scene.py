@@ -1,6 +1,6 @@
 """The machine in 3-D for a Rerun recording: base, cylinders, rods and platform, from the declared geometry and a log.
 
-Shapes are static; only their transforms move (`SCENE_RATE_Hz`). The origin is the centre of the base joints.
+Shapes are static; only their transforms move, at 100 Hz. The origin is the centre of the base joints.
 Cylinder and rod lengths are drawn, not declared: the rod covers the stroke and never leaves the cylinder.
 """
 
@@ -18,8 +18,6 @@ from hexsim.recording.signals import Signals
 
 Array = NDArray[np.float64]
 
-SCENE_RATE_Hz = 100.0  # above what a screen shows
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
@@ -33,9 +31,13 @@ class Motion:
     retracted_m: float
 
 
-def motion_of(signals: Signals) -> Motion | None:
-    """Motion of a log at `SCENE_RATE_Hz`; None where the log does not tell the pose."""
-    every = max(1, round((len(signals.time_s) - 1) / np.ptp(signals.time_s) / SCENE_RATE_Hz))
+def motion_of(
+    signals: Signals,
+    *,
+    rate_Hz: float = 100.0,  # above what a screen shows
+) -> Motion | None:
+    """Motion of a log at this rate; None where the log does not tell the pose."""
+    every = max(1, round((len(signals.time_s) - 1) / np.ptp(signals.time_s) / rate_Hz))
     time = signals.time_s[::every]
     pose = signals.pose()
     if pose is None:

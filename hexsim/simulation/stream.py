@@ -151,7 +151,7 @@ class RerunStream:
         if not whole:
             raise HexsimError(f"--stream {url!r}: give {ALLOWED}")
         self.rerun, self.recording = rerun, rerun.RecordingStream("hexsim")
-        self.recording.connect_grpc(url)
+        within(FLUSH_s, lambda: self.recording.connect_grpc(url))
         self.times: list[float] = []
         self.columns: dict[str, list[float]] = {}
 
