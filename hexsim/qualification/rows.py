@@ -74,10 +74,7 @@ def half_hertz_rows(
     peak = f"peak, {bandwidth_Hz:g} Hz band"
     yield row_of(test, axis, peak, noise.peak_band, unit, limit, source=BENSON if limit else AGARD)
     like = [other for other in motion.acceleration if other != axis and (other in ROTATIONS) == (axis in ROTATIONS)]
-    side = {
-        other: parasitic(motion.time_s, motion.acceleration[other], bandwidth_Hz, start_s=start).peak_band
-        for other in like
-    }
+    side = {other: parasitic(motion.time_s, motion.acceleration[other], bandwidth_Hz, start_s=start) for other in like}
     if side:
         worst = max(side, key=side.__getitem__)
         yield row_of(test, axis, f"parasitic peak, in {NAMES.get(worst, worst)}", side[worst], unit, source=AGARD)

@@ -27,7 +27,7 @@ from hexsim.smoothness.reversals import (
     reversal_bumps,
     reversals_of_velocity,
 )
-from hexsim.smoothness.summary import AxisMotion, Parasitic, TurnAround, parasitic, summary_axes, turn_around_check
+from hexsim.smoothness.summary import AxisMotion, TurnAround, parasitic, summary_axes, turn_around_check
 
 __all__ = [
     "AxisMotion",
@@ -35,7 +35,6 @@ __all__ = [
     "CommandDeviation",
     "HalfHertzNoise",
     "HarmonicDeviation",
-    "Parasitic",
     "Reversal",
     "ReversalBump",
     "ReversalPeak",

@@ -16,21 +16,12 @@ ROTATIONS = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parasitic:
-    """What an axis that is not driven does: the peak of a - mean, in the band and raw."""
-
-    peak_band: float
-    peak_raw: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class TurnAround:
-    """Largest deviation from the desired sine in the band, against the limit [m/s2]; `basis` says whose limit it is."""
+    """Largest deviation from the desired sine in the band, against the limit [m/s2]."""
 
     peak_m_s2: float
     limit_m_s2: float
     passed: bool
-    basis: str = "commonly used: +-0.05 g in heave, 150 mm peak to peak at 0.5 Hz"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,19 +69,17 @@ def parasitic(
     acceleration: ArrayLike,
     bandwidth_Hz: float | None = BANDWIDTH_Hz,
     start_s: float | None = None,
-) -> Parasitic:
-    """Rms and peak of an axis that is not driven, about its mean, from `start_s` on.
+) -> float:
+    """Peak of an axis that is not driven, about its mean, from `start_s` on; bandwidth_Hz None: raw.
 
-    All of it counts, also what is at the driven frequency. Raw and band hold the sensor's noise too. In the band the
-    ends of the record are left out (see `band_limit`).
+    All of it counts, also what is at the driven frequency and the sensor's noise. In the band the ends of the record are
+    left out (see `band_limit`).
     """
     time = np.asarray(time_s, dtype=float)
     begin, end = inner_span_s(time, bandwidth_Hz)
     start = time[0] if start_s is None else start_s
-    raw = np.asarray(acceleration, dtype=float)[time >= start]
-    band = band_limit(time, acceleration, bandwidth_Hz)[(time >= max(start, begin)) & (time <= end)]
-    raw, band = raw - raw.mean(), band - band.mean()
-    return Parasitic(peak_band=_peak(band), peak_raw=_peak(raw))
+    part = band_limit(time, acceleration, bandwidth_Hz)[(time >= max(start, begin)) & (time <= end)]
+    return _peak(part - part.mean())
 
 
 def _peak(deviation: Array) -> float:
