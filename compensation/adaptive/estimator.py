@@ -527,7 +527,8 @@ def _work_tick(s):
         fit.C[j, j] += 1.0
         fit.b[j] += d
         trial.cost += d * d
-    eliminate(fit.starts, fit.A, fit.B, fit.C, fit.a, fit.b, trial.H, trial.g, trial.KB[n], trial.kb[n])
+    # cost: where the start is the best one for these numbers, not the one that the last ones asked for
+    trial.cost -= eliminate(fit.starts, fit.A, fit.B, fit.C, fit.a, fit.b, trial.H, trial.g, trial.KB[n], trial.kb[n])
     fit.at_tick = 0
     fit.at_window += 1
 
@@ -824,10 +825,11 @@ def _end_pass(s):
     if fresh or trial.cost < fit.best.cost:
         if not fresh:
             done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
+            held = 2.0 * (fit.best.cost - trial.cost) / max(fit.gain, 1e-30) - 1.0
+            fit.damping *= max(1.0 / 3.0, 1.0 - held * held * held)
         fit.best = trial
         fit.rough_before[:] = fit.rough
         fit.has_best = 1
-        fit.damping = 0.2 * fit.damping
         for n in range(fit.count):
             s.windows[n].start[:] = trial.start[n]
             s.windows[n].chi[:] = trial.chi[n]

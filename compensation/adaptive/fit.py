@@ -284,11 +284,14 @@ def variances(L, times, out, spare):
 @compiled
 def eliminate(starts, A, B, C, a, b, H, g, KB, kb):
     """Adds a window with its start state eliminated to H (lower), g. KB (N_START, N_NUMBERS), kb (N_START,) give the start's step
-    kb - KB d for a step d of the numbers. C is factored in place (its prior is in it)."""
+    kb - KB d for a step d of the numbers. C is factored in place (its prior is in it). Returns what the step kb takes off the cost."""
     cholesky(C, starts)
+    gain = 0.0
     for i in range(starts):
         kb[i] = b[i]
     forward(C, starts, kb)
+    for i in range(starts):
+        gain += kb[i] * kb[i]
     for j in range(N_NUMBERS):  # KB = L^-1 B
         for i in range(starts):
             s = B[i, j]
@@ -312,3 +315,4 @@ def eliminate(starts, A, B, C, a, b, H, g, KB, kb):
             for k in range(i + 1, starts):
                 s -= C[k, i] * KB[k, j]
             KB[i, j] = s / C[i, i]
+    return gain
