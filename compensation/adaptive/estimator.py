@@ -84,6 +84,7 @@ NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside t
 # better than its parts; a faster one; a wider backlash: by ELSEWHERE of the prior's standard deviations
 BRISTLE, ALL_SPOOL, FAST_SPOOL, WIDE = range(4)
 TRIES, ELSEWHERE, SHORTEST_LAG_s = WIDE + 1, 1.5, 1e-4  # a lag far below a tick
+STARTS = 2  # of `folding`: a pass over one window for its start
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
 # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not. With 14, passes came too late: numbers
 # were half found when the volts came in, and the curvature there is no doubt
@@ -239,6 +240,8 @@ def _take_waiting(s):
         s.windows[fit.seen % WINDOWS] = s.windows[OLDER + 1 + n]
         fit.seen += 1
         fit.count = min(fit.count + 1, WINDOWS)
+    for n in range(fit.waiting):
+        s.windows[(fit.seen - 1 - n) % WINDOWS].begun = 0
     taken = fit.waiting > 0
     fit.waiting = fit.to_fold = 0
     return taken
@@ -279,6 +282,35 @@ def _begin_look(s):
     fit.trial.start[OLDER] = kept.start
     fit.at_window, fit.folding = OLDER, 1
     return True
+
+
+@compiled
+def _begin_start(s):
+    """A pass over a window that came in, for where it starts by the numbers as they are: as it was measured it would cost more than what
+    a step of the numbers gains. Returns whether there is one."""
+    fit = s.fit
+    if not fit.has_best:
+        return False
+    for n in range(fit.count):
+        window = s.windows[n]
+        if not window.begun:
+            window.begun = 1
+            if s.platform:
+                _load_windows(s, fit.best.numbers)
+            _start_pass(s, fit.best.numbers, False)
+            fit.trial.start[n] = window.start
+            fit.at_window, fit.folding = n, STARTS
+            return True
+    return False
+
+
+@compiled
+def _end_start(s):
+    fit, trial = s.fit, s.fit.trial
+    fit.running = fit.folding = 0
+    n = fit.at_window - 1
+    for j in range(fit.starts):
+        s.windows[n].start[j] = trial.start[n, j] + trial.kb[n, j] * fit.scale[N_NUMBERS + j]
 
 
 @compiled
@@ -878,7 +910,7 @@ def work(s):
                 return
             if came:
                 fit.settled = fit.looked = 0
-            if folds:
+            if folds or (begins and not fit.settled and _begin_start(s)):
                 pass
             elif fit.passes == 0:
                 if not fit.restored:
@@ -902,7 +934,10 @@ def work(s):
         _work_tick(s)
         if fit.folding:
             if fit.at_tick == 0:
-                _end_fold(s)
+                if fit.folding == STARTS:
+                    _end_start(s)
+                else:
+                    _end_fold(s)
         elif fit.at_window >= fit.count:
             _end_pass(s)
 

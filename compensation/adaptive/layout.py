@@ -37,7 +37,7 @@ WINDOW_DATA = record(
     position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
     forces_N=(f, (WINDOW, MOST_LEGS)), speeds_m_s=(f, (WINDOW, MOST_LEGS)), mobility=(f, (WINDOW, MOST_LEGS)),
     load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, MOST_LEGS)),
-    fitted=(i, (WINDOW, MOST_LEGS)), friction_N=(f, (WINDOW,)), first=i, tells=i,
+    fitted=(i, (WINDOW, MOST_LEGS)), friction_N=(f, (WINDOW,)), first=i, tells=i, begun=i,
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=(f, (KNOTS,)),
 )  # fmt: skip
 KEPT_WINDOW = record(  # what an older window needs to be looked at again, and what it said then
