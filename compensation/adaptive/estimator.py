@@ -837,6 +837,12 @@ def _settle(s):
 
 
 @compiled
+def _least_gain(fit):
+    """Of the cost, by which a stage goes on: promised by a step, and made by the last one."""
+    return LEAST_GAIN if fit.stage == LAST_STAGE else STAGE_GAIN
+
+
+@compiled
 def _damp_more(fit):
     """A shorter step is tried next. Returns whether it is one at all."""
     fit.damping = max(8.0 * fit.damping, FIRST_DAMPING)
@@ -856,7 +862,7 @@ def _end_pass(s):
         fit.first_cost = trial.cost
     if fresh or trial.cost < fit.best.cost:
         if not fresh:
-            done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
+            done = done or fit.best.cost - trial.cost < _least_gain(fit)
             held = 2.0 * (fit.best.cost - trial.cost) / max(fit.gain, 1e-30) - 1.0
             fit.damping *= max(1.0 / 3.0, 1.0 - held * held * held)
         fit.best = trial
@@ -927,7 +933,7 @@ def work(s):
                     if not _damp_more(fit):
                         _end_stage(s)
                     return
-                if fit.step > 1 and fit.gain < (LEAST_GAIN if fit.stage == LAST_STAGE else STAGE_GAIN):
+                if fit.step > 1 and fit.gain < _least_gain(fit):
                     _end_stage(s)
                     continue
                 _start_pass(s, fit.proposed, False)
