@@ -179,6 +179,32 @@ def test_hysteresis_is_two_plays_and_is_inverted_exactly(spread) -> None:
     assert np.ptp(sent - volts) > 0.01
 
 
+def test_a_window_counts_at_its_best_start() -> None:
+    """Of linear residuals r - J d - K e, e a start with a prior of 1: with the start eliminated, the cost less what is returned is the
+    least one over e at d = 0, and g is half of its fall by each parameter, H its curvature."""
+    random, starts = np.random.default_rng(2), fit.N_START
+    J, K, r = (random.normal(size=(400, n)) for n in (model.N_NUMBERS, starts, 1))
+    J, K, r = (
+        np.vstack([J, np.zeros((starts, model.N_NUMBERS))]),
+        np.vstack([K, np.eye(starts)]),
+        np.append(r, [0.0] * starts),
+    )
+    H, g = np.zeros((model.N_NUMBERS, model.N_NUMBERS)), np.zeros(model.N_NUMBERS)
+    KB, kb = np.zeros((starts, model.N_NUMBERS)), np.zeros(starts)
+    gain = fit.eliminate(starts, J.T @ J, K.T @ J, K.T @ K, J.T @ r, K.T @ r, H, g, KB, kb)
+
+    def least(d: np.ndarray) -> float:
+        left = r - J @ d
+        return float(np.square(left - K @ np.linalg.lstsq(K, left)[0]).sum())
+
+    assert float(r @ r) - gain == pytest.approx(least(np.zeros(model.N_NUMBERS)), rel=1e-9)
+    for k in (0, 7, model.N_NUMBERS - 1):
+        step = np.where(np.arange(model.N_NUMBERS) == k, 0.1, 0.0)
+        more, here, less = least(step), least(0.0 * step), least(-step)
+        assert (less - more) / 0.4 == pytest.approx(g[k], rel=1e-8)
+        assert (more - 2.0 * here + less) / 0.02 == pytest.approx(H[k, k], rel=1e-8)
+
+
 def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
     """With the information of folded windows the prior's gradient and curvature are still those of its cost."""
     state = Adaptive().start(Context()).numbers
