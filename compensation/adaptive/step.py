@@ -277,9 +277,10 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     if doubt2 > e.sigma:
         e.sigma = doubt2
         e.worst[:] = e.row
-    if e.unsteady > 0:  # the start state's own swing is no bump
+    if e.unsteady > 0:  # the start state's own swing is no bump, and what is left of this half stroke is none
         e.unsteady -= 1
         e.bump = e.sigma = e.left = 0.0
+        e.begun = 0
     peak = a * e.acceleration < 0.0
     if v * e.velocity < 0.0:
         e.turned = 1
