@@ -873,7 +873,7 @@ def _end_pass(s):
             s.windows[n].chi[:] = trial.chi[n]
             if fit.stage == LAST_STAGE and not fit.trying:
                 s.windows[n].friction_N[:], s.windows[n].tells = trial.friction_N[n], 1
-        if fit.stage == LAST_STAGE and not fresh and not fit.trying:
+        if fit.stage == LAST_STAGE and not fit.trying:
             _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, fit.chi2)
             if is_known_leg(fit.chi2):  # otherwise not before it has settled
                 _keep_known(s)

@@ -277,13 +277,14 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     if doubt2 > e.sigma:
         e.sigma = doubt2
         e.worst[:] = e.row
-    if e.unsteady > 0:  # the start state's own swing is no bump, and what is left of this half stroke is none
-        e.unsteady -= 1
-        e.bump = e.sigma = e.left = 0.0
-        e.begun = 0
     peak = a * e.acceleration < 0.0
     if v * e.velocity < 0.0:
         e.turned = 1
+    if e.unsteady > 0:  # the start state's own swing is no bump, and a half stroke that turned in it was not seen
+        e.unsteady -= 1
+        e.bump = e.sigma = e.left = 0.0
+        if e.turned:
+            e.begun = 0
     e.acceleration, e.velocity = a, v
     if peak and (e.turned or not e.begun):  # the middle of a stroke: a reversal lies behind
         if e.begun and e.bump > 0.0:  # and all of the half stroke
