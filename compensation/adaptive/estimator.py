@@ -217,7 +217,7 @@ def collect(s):
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
         window.volts[j] = past.volts[(at - LEAD + j) & m]
-    window.first, window.tells = at, 0
+    window.first, window.tells, window.begun = at, 0, 0
     window.measured[:] = 0.0
     for j in range(9):
         window.measured[0] += START_Y_ROW[j] * window.position_m[j]
@@ -240,8 +240,6 @@ def _take_waiting(s):
         s.windows[fit.seen % WINDOWS] = s.windows[OLDER + 1 + n]
         fit.seen += 1
         fit.count = min(fit.count + 1, WINDOWS)
-    for n in range(fit.waiting):
-        s.windows[(fit.seen - 1 - n) % WINDOWS].begun = 0
     taken = fit.waiting > 0
     fit.waiting = fit.to_fold = 0
     return taken
@@ -296,7 +294,7 @@ def _begin_start(s):
         if not window.begun:
             window.begun = 1
             if s.platform:
-                _load_windows(s, fit.best.numbers)
+                _load_windows(s, fit.best.numbers, n, n + 1)
             _start_pass(s, fit.best.numbers, False)
             fit.trial.start[n] = window.start
             fit.at_window, fit.folding = n, STARTS
@@ -305,12 +303,10 @@ def _begin_start(s):
 
 
 @compiled
-def _end_start(s):
-    fit, trial = s.fit, s.fit.trial
-    fit.running = fit.folding = 0
-    n = fit.at_window - 1
+def _best_start(fit, n, start):
+    """Where window n starts best at the numbers of the pass, into start (N_START,)."""
     for j in range(fit.starts):
-        s.windows[n].start[j] = trial.start[n, j] + trial.kb[n, j] * fit.scale[N_NUMBERS + j]
+        start[j] = fit.trial.start[n, j] + fit.trial.kb[n, j] * fit.scale[N_NUMBERS + j]
 
 
 @compiled
@@ -345,12 +341,10 @@ def _count_in(fit, kept, times):
 
 
 @compiled
-def _end_fold(s):
-    """What a window says of the numbers is kept as a quadratic about the settled ones, its noise as large as its misfit; what was kept
+def _end_fold(s, n):
+    """What window n says of the numbers is kept as a quadratic about the settled ones, its noise as large as its misfit; what was kept
     before fades."""
     fit, trial = s.fit, s.fit.trial
-    fit.running = fit.folding = 0
-    n = fit.at_window - 1
     if n == OLDER:
         kept = s.older[fit.again]
     else:
@@ -362,8 +356,7 @@ def _end_fold(s):
     rows = 2.0 * WINDOW if s.sheet[S_FOUR_WAY] != 0.0 else 1.0 * WINDOW
     misfit = max(1.0, trial.chi[n, 0] / WINDOW, trial.chi[n, 1] / rows)
     kept.weight = 1.0 / misfit if misfit <= CHANGED_LEG else 0.0  # of a leg that it was before
-    for j in range(fit.starts):
-        kept.start[j] = trial.start[n, j] + trial.kb[n, j] * fit.scale[N_NUMBERS + j]
+    _best_start(fit, n, kept.start)
     for a in range(N_NUMBERS):
         fit.a[a] = (trial.numbers[a] - fit.mean[a]) / fit.sd[a]
     kept.cost, place = 0.0, 0
@@ -431,8 +424,9 @@ def _doubt_loads(s, window, noise_m_s):
 
 
 @compiled
-def _load_windows(s, numbers):
-    """What the other legs give this one in each window [N], by their measured forces less their friction, and how uncertain that is.
+def _load_windows(s, numbers, first, last):
+    """What the other legs give this one in the windows first to last - 1 [N], by their measured forces less their friction, and how
+    uncertain that is.
 
     y'' = N/m (f - F0 - F - K y), N the mobility: of the others' motion only their friction is not measured. A leg of which nothing is
     known yet is taken to be like this one, its F0 the mean of its forces.
@@ -446,7 +440,7 @@ def _load_windows(s, numbers):
                 for k in range(WINDOW):
                     s.mean_N[i] += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
     noise = speed_error(s)
-    for w in range(fit.count):
+    for w in range(first, last):
         window = s.windows[w]
         before = 0.0
         _doubt_loads(s, window, noise)
@@ -485,7 +479,7 @@ def _start_pass(s, numbers, fresh):
     if s.platform:
         fit.starts = N_START
         if fresh:
-            _load_windows(s, numbers)
+            _load_windows(s, numbers, 0, fit.count)
             _take_told(s)
     fit.at_window = fit.at_tick = 0
     fit.running = 1
@@ -850,6 +844,17 @@ def _damp_more(fit):
 
 
 @compiled
+def _end_alone(s):
+    """A pass over one window is over."""
+    fit, n, starts = s.fit, s.fit.at_window - 1, s.fit.folding == STARTS
+    fit.running = fit.folding = 0
+    if starts:
+        _best_start(fit, n, s.windows[n].start)
+    else:
+        _end_fold(s, n)
+
+
+@compiled
 def _end_pass(s):
     """A pass is over: keep it or not, and what comes next."""
     fit, trial = s.fit, s.fit.trial
@@ -940,10 +945,7 @@ def work(s):
         _work_tick(s)
         if fit.folding:
             if fit.at_tick == 0:
-                if fit.folding == STARTS:
-                    _end_start(s)
-                else:
-                    _end_fold(s)
+                _end_alone(s)
         elif fit.at_window >= fit.count:
             _end_pass(s)
 

@@ -101,13 +101,7 @@ class HexapodKinematics(Mechanics):
             neutral_height_m=neutral_height(base, platform, neutral_leg_length_m),
         )
 
-    def forward(
-        self,
-        piston_positions: ArrayLike,
-        guess: ArrayLike | None = None,
-        *,
-        tolerance_m: float = 1e-13,  # residual length at which the iteration stops, about 450 ulp of a 1 m leg
-    ) -> Array:
+    def forward(self, piston_positions: ArrayLike, guess: ArrayLike | None = None) -> Array:
         """Pose (..., 6) with these piston positions, by Newton from `guess` (pose(s), default neutral).
 
         Of the up to 40 poses with the same lengths it returns the one connected with the guess, as a rule. Raises
@@ -116,6 +110,7 @@ class HexapodKinematics(Mechanics):
         """
         positions, lead = as_rows(piston_positions, "piston positions", N_LEGS)
         lengths = positions + self.retracted_length_m
+        tolerance_m = 1e-13  # residual length at which the iteration stops: about 450 ulp of a 1 m leg
         start = np.zeros(N_LEGS) if guess is None else np.asarray(guess, dtype=np.float64)
         poses = np.array(np.broadcast_to(start, (*lead, N_LEGS)), dtype=np.float64, order="C").reshape(-1, N_LEGS)
         residuals = forward_rows(

@@ -270,13 +270,9 @@ def driven(
                 guesses[guesses.index(best)], guesses[guesses.index(valve)] = b, a
 
 
-def by_relation(
-    guesses: list[Guess],
-    machine: Machine,
-    *,
-    follows: float = 0.9,  # correlation of a position with its setpoint
-) -> list[Guess]:
+def by_relation(guesses: list[Guess], machine: Machine) -> list[Guess]:
     """Setpoint and position told apart by who follows whom; volts by the rate that they make."""
+    follows = 0.9  # correlation of a position with its setpoint
     by_column = {one.column: one for one in guesses}
     for leg in range(machine.n_legs):
         position, setpoint, valve = (

@@ -103,16 +103,11 @@ def _fit(time_s: Array, acceleration: Array, frequency_Hz: float | None, start_s
         return None
 
 
-def _reversals(
-    time_s: Array,
-    commanded_position: Array | None,
-    delay_s: float,
-    *,
-    band_Hz: float = 20.0,  # smooths the steps of a setpoint that is held between control ticks
-) -> list[Reversal]:
+def _reversals(time_s: Array, commanded_position: Array | None, delay_s: float) -> list[Reversal]:
     """Reversals of the command, moved by the delay of the response."""
     if commanded_position is None or not np.ptp(commanded_position) > 0.0:
         return []
+    band_Hz = 20.0  # smooths the steps of a setpoint that is held between control ticks
     velocity = np.gradient(band_limit(time_s, commanded_position, band_Hz), time_s)
     return [replace(found, time_s=found.time_s + delay_s) for found in reversals_of_velocity(time_s, velocity)]
 

@@ -129,17 +129,9 @@ class _Series:
     def alone(self) -> bool:
         return self.color is None
 
-    def slow_curve(
-        self,
-        path: str,
-        values: Array | None,
-        name: str,
-        color: str,
-        *,
-        rate_Hz: float = 500.0,  # of the motion computer
-    ) -> None:
-        """A curve at this rate or the log's own, whichever is lower."""
-        t = self.signals.time_s
+    def slow_curve(self, path: str, values: Array | None, name: str, color: str) -> None:
+        """A curve at the motion computer's rate or the log's own, whichever is lower."""
+        t, rate_Hz = self.signals.time_s, 500.0
         every = max(1, round((len(t) - 1) / (np.ptp(t) * rate_Hz)))
         self.curve(path, t[::every], None if values is None else values[::every], name, color)
 

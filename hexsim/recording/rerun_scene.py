@@ -31,12 +31,9 @@ class Motion:
     retracted_m: float
 
 
-def motion_of(
-    signals: Signals,
-    *,
-    rate_Hz: float = 100.0,  # above what a screen shows
-) -> Motion | None:
-    """Motion of a log at this rate; None where the log does not tell the pose."""
+def motion_of(signals: Signals) -> Motion | None:
+    """Motion of a log at a rate above what a screen shows; None where the log does not tell the pose."""
+    rate_Hz = 100.0
     every = max(1, round((len(signals.time_s) - 1) / np.ptp(signals.time_s) / rate_Hz))
     time = signals.time_s[::every]
     pose = signals.pose()
