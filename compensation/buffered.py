@@ -7,15 +7,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 from .arithmetic import clip
 from .compensator import Context, Parameters
-from .compiled import compiled, compiled_callback
-from .desk import STEP, TICK, legs_on
+from .compiled import compiled
 from .iterative import FITS
 from .learned_parameters import beyond_volts
 from .report_functions import MOST_RANGES, RANGE, check_function, compensation_V
@@ -101,14 +99,8 @@ class Buffered(RowCompensator):
         start_estimate(row[B.ESTIMATE : B.BUFFER], context.rate_Hz, self.velocity_bandwidth_Hz)
         return row
 
-    def tick(self, row: np.ndarray, control_V: float, valve_V: float, position_m: float, bottom_Pa: float) -> float:
-        return tick(row, control_V, valve_V, position_m)
-
-    def is_sound(self, row: np.ndarray) -> bool:
-        return is_sound(row)
-
-    def native_tick(self) -> Any:
-        return native_tick()
+    def functions(self) -> tuple[Any, Any]:
+        return tick, is_sound
 
     def parameters(self, state: RowState) -> Parameters:
         curves = [curve_of(state.row, number)[:3].tolist() for number in range(2 if self.two_sided else 1)]
@@ -136,7 +128,7 @@ def curve_of(row, number):
 
 
 @compiled
-def tick(row, control_V, valve_V, position_m):
+def tick(row, control_V, valve_V, position_m, bottom_Pa):
     """Volts to add."""
     u = control_V
     if not (math.isfinite(u) and math.isfinite(valve_V)):
@@ -265,20 +257,3 @@ def is_sound(row):
     length, newest = (len(row) - B.BUFFER) // 3, B.BUFFER + max(int(row[B.COUNT]) - 1, 0)
     total = row[newest] + row[newest + length]
     return total - total == 0.0 and all_are_finite(row, B.COUNT, B.BUFFER)
-
-
-@cache
-def native_tick() -> Any:
-    """`tick` of all legs that act."""
-
-    @compiled_callback(TICK)
-    def step_legs(desk, what):
-        if what != STEP:
-            return
-        states, acts, finite, added, control, valve, position, _ = legs_on(desk)
-        for i in range(len(acts)):
-            if acts[i]:
-                added[i] = tick(states[i], control[i], valve[i], position[i])
-                finite[i] = is_sound(states[i])
-
-    return step_legs

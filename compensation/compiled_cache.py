@@ -18,6 +18,17 @@ from typing import Any
 from numba import config
 from numba.core import caching, sigutils
 from numba.core.ccallback import CFunc
+from numba.core.dispatcher import Dispatcher
+
+
+class NamedClosures(caching.FunctionCache):
+    """A function by its code and what it closes over. Numba names a compiled function by a number of its process, so that none which
+    closes over one was found again."""
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        held = (cell.cell_contents for cell in self._py_func.__closure__ or ())
+        named = [f"{x.__module__}.{x.__qualname__}" if isinstance(x, Dispatcher) else x for x in held]
+        return sig, codegen.magic_tuple(), self._py_func.__code__.co_code, *named
 
 
 class CheckedFiles(caching.IndexDataCacheFile):
@@ -56,12 +67,12 @@ def check_cache(dispatcher: Any, sources: str) -> None:
 
 def native_function(signature: Any, function: Callable[..., Any], sources: str) -> Any:
     """A C function of a signature, cached as other compiled ones are (`numba.cfunc` compiles before the cache has a version)."""
-    callback = CFunc(function, sigutils.normalize_signature(signature), {}, {"error_model": "numpy"})
+    callback: Any = CFunc(function, sigutils.normalize_signature(signature), {}, {"error_model": "numpy"})
     try:
-        callback.enable_caching()
+        callback._cache = NamedClosures(function)
     except RuntimeError:  # neither the package's folder nor the user's can be written
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
-        callback.enable_caching()
+        callback._cache = NamedClosures(function)
     check_cache(callback, sources)
     callback.compile()
     return callback

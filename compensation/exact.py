@@ -7,15 +7,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from .arithmetic import clip
 from .compensator import Context, Parameters
-from .compiled import compiled, compiled_callback
-from .desk import STEP, TICK, legs_on
+from .compiled import compiled
 from .flow_curve import FlowCurve, overlap_curve
 from .rows import RowCompensator, RowState, all_are_finite
 
@@ -75,14 +73,8 @@ class Exact(RowCompensator):
         row[E.PRESSURE_SHARE] = 2 * math.pi * self.pressure_bandwidth_Hz * context.tick_s
         return row
 
-    def tick(self, row: np.ndarray, control_V: float, valve_V: float, position_m: float, bottom_Pa: float) -> float:
-        return tick(row, control_V, bottom_Pa)
-
-    def is_sound(self, row: np.ndarray) -> bool:
-        return is_sound(row)
-
-    def native_tick(self) -> Any:
-        return native_tick()
+    def functions(self) -> tuple[Any, Any]:
+        return tick, is_sound
 
     def parameters(self, state: RowState) -> Parameters:
         return {"voltage_V": list(self.curve.voltage_V), "velocity_m_s": list(self.curve.velocity_m_s)}
@@ -92,7 +84,7 @@ class Exact(RowCompensator):
 
 
 @compiled
-def tick(row, control_V, bottom_Pa):
+def tick(row, control_V, valve_V, position_m, bottom_Pa):
     """Volts to add."""
     u = control_V
     if not math.isfinite(u):
@@ -151,20 +143,3 @@ def inverse(row, velocity):
 def is_sound(row):
     """Whether the slow mean and the fade-in are finite."""
     return all_are_finite(row, E.PRESSURE, E.CURVE)
-
-
-@cache
-def native_tick() -> Any:
-    """`tick` of all legs that act."""
-
-    @compiled_callback(TICK)
-    def step_legs(desk, what):
-        if what != STEP:
-            return
-        states, acts, finite, added, control, _, _, bottom = legs_on(desk)
-        for i in range(len(acts)):
-            if acts[i]:
-                added[i] = tick(states[i], control[i], bottom[i])
-                finite[i] = is_sound(states[i])
-
-    return step_legs

@@ -7,15 +7,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from .arithmetic import clip
 from .compensator import Context, Parameters
-from .compiled import compiled, compiled_callback
-from .desk import STEP, TICK, legs_on
+from .compiled import compiled
 from .learned_parameters import beyond_volts
 from .report_functions import MOST_RANGES, RANGE, check_function, compensation_V
 from .rows import RowCompensator, RowState, V, all_are_finite, estimate_velocity, start_estimate
@@ -118,14 +116,8 @@ class Iterative(RowCompensator):
         start_estimate(row[I.ESTIMATE : I.TABLE], context.rate_Hz, self.velocity_bandwidth_Hz)
         return row
 
-    def tick(self, row: np.ndarray, control_V: float, valve_V: float, position_m: float, bottom_Pa: float) -> float:
-        return tick(row, control_V, valve_V, position_m)
-
-    def is_sound(self, row: np.ndarray) -> bool:
-        return is_sound(row)
-
-    def native_tick(self) -> Any:
-        return native_tick()
+    def functions(self) -> tuple[Any, Any]:
+        return tick, is_sound
 
     def parameters(self, state: RowState) -> Parameters:
         row, n = state.row, self.elements
@@ -159,7 +151,7 @@ class Iterative(RowCompensator):
 
 
 @compiled
-def tick(row, control_V, valve_V, position_m):
+def tick(row, control_V, valve_V, position_m, bottom_Pa):
     """Volts to add."""
     u = control_V
     if not (math.isfinite(u) and math.isfinite(valve_V)):
@@ -259,20 +251,3 @@ def is_sound(row):
     """Of the table the element that changed last: the others were looked at when they did."""
     element = row[I.TABLE + int(max(row[I.ELEMENT], 0.0))]
     return element - element == 0.0 and all_are_finite(row, I.ELEMENT, I.TABLE)
-
-
-@cache
-def native_tick() -> Any:
-    """`tick` of all legs that act."""
-
-    @compiled_callback(TICK)
-    def step_legs(desk, what):
-        if what != STEP:
-            return
-        states, acts, finite, added, control, valve, position, _ = legs_on(desk)
-        for i in range(len(acts)):
-            if acts[i]:
-                added[i] = tick(states[i], control[i], valve[i], position[i])
-                finite[i] = is_sound(states[i])
-
-    return step_legs

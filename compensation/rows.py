@@ -13,12 +13,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from .compensator import Compensator, Context, Sample
-from .compiled import compiled
+from .compiled import compiled, compiled_callback
+from .desk import STEP, TICK, legs_on
 from .legs import OneByOne
 
 
@@ -31,34 +33,26 @@ class RowState:
 
 
 class RowCompensator(Compensator):
-    """A compensator with such a state. Subclasses say what their row is, its compiled tick, and the native one of all legs."""
+    """A compensator with such a state. Subclasses say what their row is, and its compiled functions."""
 
     def new_row(self, context: Context) -> np.ndarray:
         """A row with nothing learned."""
         raise NotImplementedError
 
-    def tick(self, row: np.ndarray, control_V: float, valve_V: float, position_m: float, bottom_Pa: float) -> float:
-        """Volts to add."""
-        raise NotImplementedError
-
-    def is_sound(self, row: np.ndarray) -> bool:
-        """Whether its numbers are finite."""
-        raise NotImplementedError
-
-    def native_tick(self) -> Any:
-        """Both of all legs, compiled as `desk.TICK`."""
+    def functions(self) -> tuple[Any, Any]:
+        """The compiled tick, and whether a row's numbers are finite."""
         raise NotImplementedError
 
     def start(self, context: Context) -> RowState:
         return RowState(context, self.new_row(context))
 
     def step(self, state: RowState, sample: Sample) -> tuple[float, RowState]:
-        return self.tick(
-            state.row, sample.control_V, sample.valve_V, sample.position_m, sample.pressure_bottom_Pa
-        ), state
+        tick, _ = self.functions()
+        return tick(state.row, sample.control_V, sample.valve_V, sample.position_m, sample.pressure_bottom_Pa), state
 
     def finite(self, state: RowState) -> bool:
-        return self.is_sound(state.row)
+        _, is_sound = self.functions()
+        return is_sound(state.row)
 
     def together(self, states: Sequence[RowState]) -> RowLegs:
         """What steps these legs."""
@@ -70,7 +64,7 @@ class RowLegs(OneByOne):
 
     def __init__(self, algorithm: RowCompensator, states: Sequence[RowState]) -> None:
         super().__init__(algorithm, states)
-        self.joined, self.native = np.array([state.row for state in states]), algorithm.native_tick
+        self.joined, self.functions = np.array([state.row for state in states]), algorithm.functions()
         for i, state in enumerate(states):
             self.renew(i, state)
 
@@ -78,6 +72,27 @@ class RowLegs(OneByOne):
         """A leg goes on with another state."""
         self.states[leg], self.joined[leg] = state, state.row
         state.row = self.joined[leg]
+
+    def native(self) -> Any:
+        """The tick of all legs."""
+        return native_tick(*self.functions)
+
+
+@cache
+def native_tick(tick: Any, is_sound: Any) -> Any:
+    """A compiled tick, and whether numbers are finite, of all legs that act."""
+
+    @compiled_callback(TICK)
+    def step_legs(desk, what):
+        if what != STEP:
+            return
+        states, acts, finite, added, control, valve, position, bottom = legs_on(desk)
+        for i in range(len(acts)):
+            if acts[i]:
+                added[i] = tick(states[i], control[i], valve[i], position[i], bottom[i])
+                finite[i] = is_sound(states[i])
+
+    return step_legs
 
 
 class V(IntEnum):

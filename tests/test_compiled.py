@@ -35,6 +35,40 @@ def test_without_a_folder_for_the_cache_a_temporary_one_is_used(tmp_path, taken)
     assert any(used.rglob("*.nbi")) and not used.stat().st_mode & 0o077
 
 
+CALLBACKS = """
+from numba import types
+from compensation.compiled import compiled, compiled_callback
+
+@compiled
+def one_more(x):
+    return x + 1.0
+
+@compiled
+def two_more(x):
+    return x + 2.0
+
+def callback(function):
+    @compiled_callback(types.float64(types.float64))
+    def called(x):
+        return function(x)
+
+    return called
+
+for made in map(callback, (one_more, two_more)):
+    print(made.ctypes(1.0), made.cache_hits)
+"""
+
+
+def test_callbacks_that_hold_compiled_functions_are_found_again(tmp_path):
+    """Two callbacks of the same lines hold a function each: they are two, and the next process finds both compiled."""
+    (tmp_path / "callbacks.py").write_text(CALLBACKS)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
+    for found in (0, 1):
+        command = [sys.executable, str(tmp_path / "callbacks.py")]
+        ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert ended.stdout.split() == ["2.0", str(found), "3.0", str(found)]
+
+
 DAMAGES = [("*.nbi", "flipped"), ("*.nbi", "empty"), ("*.nbi", "cut"), ("*.nbc", "empty"), ("*.nbc", "flipped")]
 
 

@@ -222,6 +222,19 @@ def test_parasitic_motion_is_all_of_it_about_its_mean():
 # ---- reversals -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("values", "found"),
+    [
+        ((0.0, -2.0, -4.0, -5.0), 2.0 * 2.0**0.5),
+        ((-5.0, 1.0, -7.0, 0.0), 2.0 * 2.0**0.5),
+        ((0.0, 1.0, -3.0, 0.0), None),
+    ],
+)
+def test_the_frequency_at_which_a_response_falls_below_a_level(values, found):
+    """Between two frequencies, on a logarithmic scale; where it comes from above, and none where it only reaches the level."""
+    assert smoothness.frequency_below([1.0, 2.0, 4.0, 8.0], values, -3.0) == (found and pytest.approx(found))
+
+
 def test_zero_crossings_of_a_sine_between_samples():
     """Velocity A w cos(wt - 0.4): top at (pi/2 + 0.4) / w to 1e-6 s, bottom 1 s later, and so on."""
     found = smoothness.reversals_of_velocity(TIME, np.cos(W * TIME - 0.4))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
 from hexsim.motion_computer.loop_model import Loop, loops
+from hexsim.smoothness import frequency_below
 
 Array = NDArray[np.float64]
 DELAY_AT_Hz = 1.0  # where the phase of a loop of a few hertz is still a delay
@@ -99,13 +100,7 @@ def _where_zero(
 
 def first_below(f: Array, values: Array, level: float) -> float | None:
     """The first frequency at which `values` fall below `level`: f[0] where they begin below it, None where they never do."""
-    if values[0] < level:
-        return float(f[0])
-    k = np.flatnonzero((values[:-1] >= level) & (values[1:] < level))
-    if not len(k):
-        return None
-    share = (values[k[0]] - level) / (values[k[0]] - values[k[0] + 1])
-    return float(f[k[0]] * (f[k[0] + 1] / f[k[0]]) ** share)
+    return float(f[0]) if values[0] < level else frequency_below(f, values, level)
 
 
 def worst_figures(machine: Machine) -> LoopFigures:

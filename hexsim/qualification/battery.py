@@ -26,7 +26,7 @@ from hexsim.qualification.rows import (
 )
 from hexsim.scenarios import Scenario
 from hexsim.setpoints.signals import Signal, Sine, Triangle
-from hexsim.smoothness import band_limit, describing_function
+from hexsim.smoothness import band_limit, describing_function, frequency_below
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,8 +136,8 @@ class Battery:
             "phase_deg": [None if math.isnan(phase) else phase for phase in phases],
         }
         half_power, quarter = (
-            measures.crossing(frequencies, gains_dB, -3.0),
-            measures.crossing(frequencies, phases, -90.0),
+            frequency_below(frequencies, gains_dB, -3.0),
+            frequency_below(frequencies, phases, -90.0),
         )
         self._add("describing function", axis, "gain falls below -3 dB at", half_power, "Hz", source=APPLICANT)
         self._add("describing function", axis, "phase passes -90 deg at", quarter, "Hz", source=APPLICANT)

@@ -41,7 +41,7 @@ from hexsim.qualification.rows import (
     turn_around_row,
 )
 from hexsim.signals.log import Log
-from hexsim.smoothness import BANDWIDTH_Hz, band_limit, describing_function
+from hexsim.smoothness import BANDWIDTH_Hz, band_limit, describing_function, frequency_below
 
 Array = NDArray[np.float64]
 
@@ -305,7 +305,7 @@ def _response_of_any_motion(
         "phase_deg": phases,
     }
     for figure, value in (
-        ("gain falls below -3 dB at", measures.crossing(f, gains, -3.0)),
-        ("phase passes -90 deg at", measures.crossing(f, phases, -90.0)),
+        ("gain falls below -3 dB at", frequency_below(f, gains, -3.0)),
+        ("phase passes -90 deg at", frequency_below(f, phases, -90.0)),
     ):
         found.rows.append(row_of("describing function", axis, figure, value, "Hz", source=APPLICANT))

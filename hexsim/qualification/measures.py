@@ -59,16 +59,6 @@ def phase_deg(response: complex) -> float:
     return angle - 360.0 if angle > 1e-9 else angle
 
 
-def crossing(frequency_Hz: ArrayLike, values: ArrayLike, level: float) -> float | None:
-    """Frequency where falling `values` pass `level`, linear in log frequency; None where they do not."""
-    f, y = np.asarray(frequency_Hz, dtype=float), np.asarray(values, dtype=float)
-    for k in range(len(f) - 1):
-        if y[k] >= level > y[k + 1]:
-            share = (y[k] - level) / (y[k] - y[k + 1])
-            return float(f[k] * (f[k + 1] / f[k]) ** share)
-    return None
-
-
 def linearity(gains: ArrayLike) -> float:
     """Largest relative deviation of the gains at several amplitudes from that at the last, largest one. 0 for a linear
     system."""

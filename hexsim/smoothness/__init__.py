@@ -13,6 +13,7 @@ from hexsim.smoothness.harmonic import (
     HalfHertzNoise,
     HarmonicDeviation,
     describing_function,
+    frequency_below,
     half_hertz_noise,
     harmonic_deviation,
 )
@@ -42,6 +43,7 @@ __all__ = [
     "band_limit",
     "describing_function",
     "deviation_from_command",
+    "frequency_below",
     "half_hertz_noise",
     "harmonic_deviation",
     "inner_span_s",

@@ -206,3 +206,13 @@ def describing_function(
     if not reference.amplitude > 0.0:
         raise HexsimError(f"The command has no part at {frequency_Hz:g} Hz; the describing function is not defined.")
     return answer.amplitude / reference.amplitude * complex(np.exp(1j * (answer.phase_rad - reference.phase_rad)))
+
+
+def frequency_below(frequency_Hz: ArrayLike, values: ArrayLike, level: float) -> float | None:
+    """First frequency at which `values` (gain or phase) fall below `level`, linear in log frequency; None where they do not."""
+    f, y = np.asarray(frequency_Hz, dtype=float), np.asarray(values, dtype=float)
+    falls = np.flatnonzero((y[:-1] >= level) & (y[1:] < level))
+    if not len(falls):
+        return None
+    k = falls[0]
+    return float(f[k] * (f[k + 1] / f[k]) ** ((y[k] - level) / (y[k] - y[k + 1])))

@@ -23,6 +23,7 @@ from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg, ports, valve
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
+from hexsim.smoothness import frequency_below
 
 Array = NDArray[np.float64]
 SEAL_m3_s_Pa = 1e-17  # of a blocked port, so that a dead band has a pressure: the middle one
@@ -224,8 +225,8 @@ def _figures(
     steep = np.gradient(test.load_pressure_Pa[up], signal[up])
     dynamics = {
         f"{100 * amplitude:g}": {
-            "minus_3dB_Hz": _crossing(gain, 10 ** (-3 / 20)),
-            "minus_90deg_Hz": _crossing(phase, -90.0),
+            "minus_3dB_Hz": _falls(gain, 10 ** (-3 / 20)),
+            "minus_90deg_Hz": _falls(phase, -90.0),
         }
         for amplitude, (gain, phase) in test.bode.items()
     }
@@ -261,11 +262,6 @@ def _shut(
     return turn, turn
 
 
-def _crossing(values: Array, level: float) -> float | None:
-    """First frequency [Hz] at which a falling curve passes a level, on a logarithmic scale; None = not within reach."""
-    below = np.flatnonzero(values < level)
-    if not len(below) or below[0] == 0:
-        return None
-    k = below[0]
-    share = (values[k - 1] - level) / (values[k - 1] - values[k])
-    return float(FREQUENCIES_Hz[k - 1] * (FREQUENCIES_Hz[k] / FREQUENCIES_Hz[k - 1]) ** share)
+def _falls(values: Array, level: float) -> float | None:
+    """Frequency at which a curve falls below a level; None where it does not within reach, or begins below."""
+    return frequency_below(FREQUENCIES_Hz, values, level) if values[0] >= level else None
