@@ -1,5 +1,5 @@
-# pyright: reportPrivateImportUsage=false
-# (numba does not list its own functions)
+# pyright: reportPrivateImportUsage=false, reportCallIssue=false
+# (numba does not list its own functions, and intrinsics are called without their typing context)
 """An algorithm behind the guard as compiled functions of one flat array: what leaves Python (`hexsim export compensator`).
 
 The same ticks as `Guarded`, to the bit. What an algorithm is to native code is its `NATIVE`, in its module `native`; everything
@@ -17,11 +17,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 from .compensator import MOST_LEGS, Compensator, Context, Parameters
 from .guard import GUARD, Todo, accept, check, start_guard
 
+# Into the one function that C calls: each level of calls would be compiled with all of the algorithm in it.
+in_its_caller = njit(inline="always")
 EXPORTED = ("adaptive",)  # algorithms that are compiled throughout
 LOADS = 32  # of a preview, more than any algorithm looks ahead
 # What is given before a tick, for that tick alone: `Sample.load_preview_m_s2`, and what all legs of a platform do.
@@ -112,6 +115,16 @@ class Native:
         return settings
 
 
+@intrinsic
+def as_argument(typingctx: Any, array: Any) -> Any:  # type: ignore[misc]
+    """An array of constants as any other one, so that what is compiled for those serves it too. Nobody may write to it."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return args[0]
+
+    return types.Array(array.dtype, array.ndim, array.layout)(array), codegen
+
+
 @cache
 def native(name: str) -> Native:
     """The description of one of EXPORTED."""
@@ -123,7 +136,6 @@ def guarded(made: Native) -> SimpleNamespace:
 
     numbers (n,): a state as doubles; whole: the record in the same memory.
     """
-    here = njit(error_model="numpy", nogil=True)
     size, algorithm, given = made.size, made.place("algorithm"), made.place("given")
     learned, n_learned, n_settings = made.place("learned"), made.learned.itemsize // 8, made.settings.itemsize // 8
     names = made.setting_names
@@ -132,7 +144,7 @@ def guarded(made: Native) -> SimpleNamespace:
     begin, table, step, finite = made.start, made.table(), made.tick, made.finite
     keep, forget, put_back, refused_number = made.keep, made.forget, made.restore, made.refused
 
-    @here
+    @in_its_caller
     def refused_setting(settings):
         """0, or 1 + the place of the first number that is not finite, or not one of a machine."""
         for i in range(n_settings):
@@ -146,13 +158,13 @@ def guarded(made: Native) -> SimpleNamespace:
                 return 1 + place
         return 0
 
-    @here
+    @in_its_caller
     def begin_anew(numbers, whole):
         for i in range(algorithm, size):
             numbers[i] = 0.0
         begin(whole.algorithm, numbers[algorithm:], numbers[given : given + n_settings])
 
-    @here
+    @in_its_caller
     def start(numbers, whole, settings):
         """As `refused_setting`: then nothing is done."""
         refused = refused_setting(settings)
@@ -166,7 +178,7 @@ def guarded(made: Native) -> SimpleNamespace:
         begin_anew(numbers, whole)
         return 0
 
-    @here
+    @in_its_caller
     def load(numbers, whole, known):
         """Start with what was learned, as `restore`. 0, or as `refused`: then nothing is done."""
         refused = refused_number(known, whole)
@@ -178,7 +190,7 @@ def guarded(made: Native) -> SimpleNamespace:
         put_back(whole.algorithm, whole.learned)
         return 0
 
-    @here
+    @in_its_caller
     def tick(
         numbers, whole, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
     ):
@@ -190,7 +202,7 @@ def guarded(made: Native) -> SimpleNamespace:
             volts, told = step(
                 whole.algorithm,
                 whole.inputs,
-                table,
+                as_argument(table),
                 ahead,
                 setpoint_m,
                 position_m,

@@ -16,8 +16,8 @@ from .estimator import FEWEST, KNOWN_LEG
 from .known import knowledge_of
 from .layout import STATE
 from .learned import LEARNED, PRIOR, as_dict, fill, keep, missing, refusal, restore
-from .legs import AdaptiveLegs
-from .step import SAY_TICKS, hear_leg, start, tick_of
+from .legs import AdaptiveLegs, tick_legs
+from .step import SAY_TICKS, hear_leg, start
 
 
 @dataclass(slots=True)
@@ -31,31 +31,6 @@ class AdaptiveState:
     def numbers(self) -> Record:
         """The array's numbers by name."""
         return self.states[0]
-
-
-@compiled
-def tick_first(
-    states, table, preview, loads, pose, mobility, forces, speeds, setpoint, position, control, valve, bottom, top, supply, forward
-):  # fmt: skip
-    """`tick_of` of states (1,)."""
-    return tick_of(
-        states[0],
-        table,
-        preview,
-        loads,
-        pose,
-        mobility,
-        forces,
-        speeds,
-        setpoint,
-        position,
-        control,
-        valve,
-        bottom,
-        top,
-        supply,
-        forward,
-    )
 
 
 @compiled
@@ -94,13 +69,24 @@ class Adaptive(Compensator):
         return state
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
-        return tick_first(
-            state.states, prediction_table(), np.asarray(sample.preview_m, float),
-            np.asarray(sample.load_preview_m_s2, float), sample.load_of_pose_m_s2, np.asarray(sample.mobility, float),
-            np.asarray(sample.forces_N, float), np.asarray(sample.speeds_m_s, float), sample.setpoint_m,
-            sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
-            sample.pressure_supply_Pa, sample.feed_forward_V,
-        ), state  # fmt: skip
+        numbers = (
+            sample.load_of_pose_m_s2, sample.setpoint_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
+            sample.pressure_top_Pa, sample.feed_forward_V, 0.0,
+        )  # fmt: skip
+        pose, setpoint, position, control, valve, bottom, top, forward, added = np.array(numbers, float).reshape(9, 1)
+        preview, loads, mobility, forces, speeds = (
+            np.asarray(values, float)
+            for values in (
+                sample.preview_m, sample.load_preview_m_s2, sample.mobility, sample.forces_N, sample.speeds_m_s
+            )
+        )  # fmt: skip
+        acts = np.ones((2, 1), bool)
+        tick_legs(  # and no function of its own, which holds all of the algorithm once more
+            state.states, acts[0], prediction_table(), preview[None], np.array([max(len(preview), len(loads))]), loads[None], pose,
+            mobility[None], forces, speeds, setpoint, position, control, valve, bottom, top, float(sample.pressure_supply_Pa), forward,
+            added, acts[1],
+        )  # fmt: skip
+        return float(added[0]), state
 
     def together(self, states: Sequence[AdaptiveState]) -> AdaptiveLegs:
         """What steps these legs in one call."""

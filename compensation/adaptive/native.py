@@ -9,7 +9,7 @@ import numpy as np
 from ..compensator import MOST_LEGS, Context
 from ..compiled import compiled
 from ..guard import TELLS
-from ..native import Native
+from ..native import Native, in_its_caller
 from ..prediction import prediction_table
 from ..records import record
 from .adaptive import Adaptive, AdaptiveState
@@ -38,7 +38,7 @@ def start_given(s, own, given):
     start(s)
 
 
-@compiled
+@in_its_caller
 def tick_given(
     s, inputs, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
 ):
