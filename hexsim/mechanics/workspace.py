@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ def _obstacles(kinematics: Mechanics, poses: Array) -> tuple[NDArray[np.bool_], 
     return (leg < 0) & kinematics.on_neutral_branch(poses), leg
 
 
+@lru_cache(maxsize=8)  # machines: a host's limits ask for the same ones again
 def excursions(kinematics: Mechanics) -> tuple[Excursion, ...]:
     """How far each degree of freedom goes alone from neutral, both ways, to the first leg limit or singularity.
 

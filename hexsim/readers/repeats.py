@@ -105,7 +105,12 @@ def pattern(c: Array, head: Array, frequency: float) -> tuple[float, float] | No
     Changes say between which rows a sample lies. Of the places that all allow it has the latest: in a row, where it can be.
     """
     near = frequency + np.linspace(-1.0, 1.0, 33) / np.ptp(head)
-    period = 1.0 / max(near, key=lambda rate: abs(np.exp(2j * np.pi * rate * head).sum()))
+    turned, turn = np.exp(2j * np.pi * near[0] * head), np.exp(2j * np.pi * (near[1] - near[0]) * head)
+    strengths = np.empty(len(near))
+    for i in range(len(near)):
+        strengths[i] = abs(turned.sum())
+        turned *= turn
+    period = 1.0 / near[np.argmax(strengths)]
     if period <= 1.0:
         return None
     for seen in (head, head, c, c):

@@ -149,21 +149,29 @@ class Record:
     state: object
     statuses: list[tuple[float, str]] = field(default_factory=list)
     known: dict = field(default_factory=dict)  # what the compensator has learned
+    bands: dict[float, np.ndarray] = field(default_factory=dict)
 
     def peak(self, start_s: float, stop_s: float, frequency_Hz: float = 0.5, band_Hz: float | None = 50.0) -> float:
         """Largest deviation from the fundamental [m/s2]; in the band by a zero-phase 4th-order Butterworth."""
         return float(np.abs(self._deviation(start_s, stop_s, frequency_Hz, band_Hz)).max())
 
     def _deviation(self, start_s: float, stop_s: float, frequency_Hz: float, band_Hz: float | None) -> np.ndarray:
-        from scipy.signal import butter, sosfiltfilt
-
-        a = self.acceleration_m_s2
-        t = np.arange(len(a)) * 1e-4
-        filtered = a if band_Hz is None else sosfiltfilt(butter(4, band_Hz, fs=1e4, output="sos"), a)
+        t = np.arange(len(self.acceleration_m_s2)) * 1e-4
         inside = (t >= start_s) & (t < stop_s)
         w = 2 * math.pi * frequency_Hz * t[inside]
         basis = np.c_[np.ones(inside.sum()), np.sin(w), np.cos(w)]
-        return filtered[inside] - basis @ np.linalg.lstsq(basis, a[inside], rcond=None)[0]
+        fundamental = basis @ np.linalg.lstsq(basis, self.acceleration_m_s2[inside], rcond=None)[0]
+        return self._filtered(band_Hz)[inside] - fundamental
+
+    def _filtered(self, band_Hz: float | None) -> np.ndarray:
+        """The acceleration in a band, filtered once."""
+        from scipy.signal import butter, sosfiltfilt
+
+        if band_Hz is None:
+            return self.acceleration_m_s2
+        if band_Hz not in self.bands:
+            self.bands[band_Hz] = sosfiltfilt(butter(4, band_Hz, fs=1e4, output="sos"), self.acceleration_m_s2)
+        return self.bands[band_Hz]
 
     def peaks(self, period_s: float = 2.0, first_s: float = 2.0, band_Hz: float | None = 50.0) -> np.ndarray:
         """The peak of each period."""

@@ -188,7 +188,7 @@ def test_the_example_compiles_and_compensates(compiler, exported, tmp_path):
     if shutil.which(compiler[0]) is None:
         pytest.skip("gcc is not installed")
     program = tmp_path / "example"
-    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2"]
+    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-s"]
     files = [str(exported / "main.c"), str(exported / "hexsim_adaptive.o")]
     subprocess.run([*compiler, *strict, *files, "-lm", "-o", str(program)], check=True, timeout=120)
     text = subprocess.run([str(program), "20"], check=True, capture_output=True, text=True, timeout=60).stdout
