@@ -52,12 +52,10 @@ def places(value: Any, place: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [place]
 
 
-def with_value(parameters: dict[str, Any], place: tuple[Any, ...], value: Any) -> dict[str, Any]:
-    copy = json.loads(json.dumps(parameters))
-    inner = copy
-    for key in place[:-1]:
-        inner = inner[key]
-    inner[place[-1]] = value
+def with_value(parameters: Any, place: tuple[Any, ...], value: Any) -> Any:
+    """The tables and lists on the way to a place copied, and another value there."""
+    copy, (first, *rest) = parameters.copy(), place
+    copy[first] = with_value(parameters[first], tuple(rest), value) if rest else value
     return copy
 
 
