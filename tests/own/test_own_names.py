@@ -14,6 +14,7 @@ from hexsim.own import effects, folder, stated
 from hexsim.own import trace as own_trace
 from hexsim.own.declaration import ModelTables
 from hexsim.own.forms import forms
+from hexsim.own.sizes import waves
 from hexsim.own.trace_files import trace_simulated
 
 DRIVE = """
@@ -112,6 +113,13 @@ def test_a_name_is_tied_with_a_formula_that_is_as_likely(tmp_path):
     [step] = trace.steps
     [odds] = [tie.removeprefix("root(v) in v, odds 1 to ") for tie in step.tied if tie.startswith("root(v) in v, odds")]
     assert 1.0 <= float(odds) < 50.0
+
+
+def test_half_waves_end_with_the_band_of_what_is_left():
+    """A signal that goes once a second over its range passes ten half waves at 5 Hz, however long and finely it is recorded."""
+    for dt, n in ((0.01, 1001), (0.005, 4001)):
+        there = np.abs((np.arange(n) * dt + 1.0) % 2.0 - 1.0)
+        assert waves([there], 2.0 * 5.0 * dt) == pytest.approx(10.0)
 
 
 def test_formulas_have_the_unit_of_their_sum(tmp_path):
