@@ -12,6 +12,7 @@ from hexsim.inference.formula import Formula, formula_of
 from hexsim.inference.likelihood import Fit
 from hexsim.inference.notebook import Notebook
 from hexsim.inference.search import Found, search
+from hexsim.inference.stated import stated
 from hexsim.inference.verdict import Judgment, changing
 from hexsim.own.declaration import Declaration
 from hexsim.own.effects import Candidate, joined, offered
@@ -22,7 +23,6 @@ from hexsim.own.model import model_of
 from hexsim.own.problem import OwnProblem, problem_of
 from hexsim.own.run import simulated
 from hexsim.own.sizes import sizes_of
-from hexsim.own.stated import kind_of, stated
 
 Array = np.ndarray
 
@@ -107,6 +107,10 @@ def said(found: Found, formula: Formula | None) -> str:
     if found.steps and found.left and not (formula is not None and formula.proven):
         parts.append(found.left)
     return "; ".join([*parts, *([f"likely, not proven: {', '.join(likely[:2])}"] if likely else [])])
+
+
+def kind_of(step: Judgment) -> str:
+    return "tie" if step.tied else "name"
 
 
 def of_kinds(steps: Sequence[Judgment]) -> Iterator[str]:

@@ -10,7 +10,7 @@ import pytest
 
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
-from hexsim.own import effects, folder, stated
+from hexsim.own import effects, folder
 from hexsim.own import trace as own_trace
 from hexsim.own.declaration import ModelTables
 from hexsim.own.forms import forms
@@ -217,14 +217,6 @@ def test_a_formula_that_a_chosen_effect_is_is_not_offered(tmp_path):
     offered = lambda *names: {form.title for form in drive.forms([known[name] for name in names], now)}  # noqa: E731
     assert offered() - offered("quadratic friction") == {"v * abs(v) in v"}
     assert "v * abs(v) in v" in offered("Coulomb friction")
-
-
-def test_the_stated_chance_is_a_count(monkeypatch):
-    """None wrong of 59 is at most 5 % (0.95^59 = 0.0485); all wrong is 1; the sentence of a name says the counts of its kind."""
-    assert stated.at_most(0, 59) == pytest.approx(1 - 0.05 ** (1 / 59))
-    assert stated.at_most(3, 3) == 1.0
-    monkeypatch.setattr(stated, "counts", lambda: {"name": (0, 59)})
-    assert stated.stated("name") == "wrong on made-up machines: 0 of 59 names alone, at most 5 % at 95 %"
 
 
 def test_a_chance_follows_what_it_is_about(monkeypatch):

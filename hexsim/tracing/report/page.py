@@ -36,6 +36,7 @@ from hexsim.tracing.report import balance_figure, budget, figures, trades
 from hexsim.tracing.report.signals import SCALE, channel_words
 from hexsim.tracing.report.tables import (
     balance_rows,
+    chances,
     detectable_rows,
     effect_rows,
     error_rows,
@@ -118,7 +119,7 @@ def report_page(result: Trace) -> str:
         ],
         about=f"Measured logs against the declared machine · fitted on {fitted} · judged on {held_out}, which no fit has seen",
         top=[
-            verdict(report["verdict"], [verdict_line(result)], [sentence(result)],
+            verdict(report["verdict"], [verdict_line(result)], [sentence(result), *(small(f"{said.capitalize()}.") for said in chances(report))],
                     good=report["verdict"] not in ("unexplained", "partly")),
             *(note(f"Note: {text}.") for text in report["remarks"]),
             *(remark(f"Hidden: {line}.") for line in report["would_show"]),
