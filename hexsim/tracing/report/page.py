@@ -119,7 +119,7 @@ def report_page(result: Trace) -> str:
         ],
         about=f"Measured logs against the declared machine · fitted on {fitted} · judged on {held_out}, which no fit has seen",
         top=[
-            verdict(report["verdict"], [verdict_line(result)], [sentence(result), *(small(f"{said.capitalize()}.") for said in chances(report))],
+            verdict(report["verdict"], [verdict_line(result)], [sentence(result), *map(small, chances(report))],
                     good=report["verdict"] not in ("unexplained", "partly")),
             *(note(f"Note: {text}.") for text in report["remarks"]),
             *(remark(f"Hidden: {line}.") for line in report["would_show"]),
