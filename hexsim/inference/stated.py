@@ -15,10 +15,10 @@ WORDS = {
     "name": "names alone",
     "tie": "ties",
     "formula": "formulas",
-    "explained": "names alone, noise left",
-    "explained, tied": "ties, noise left",
-    "partly": "names alone, more than noise left",
-    "partly, tied": "ties, more than noise left",
+    "explained": "names alone that leave noise",
+    "explained, tied": "ties that leave noise",
+    "partly": "names alone beside a residual",
+    "partly, tied": "ties beside a residual",
 }
 
 

@@ -28,5 +28,5 @@ def test_a_hydraulic_name_has_the_chance_of_its_kind(monkeypatch):
     monkeypatch.setattr(stated, "counts", lambda: {"partly": (1, 100), "partly, tied": (0, 20)})
     named = [{"name": "a", "tied_with": []}, {"name": "b", "tied_with": ["c"]}, {"name": "", "tied_with": []}]
     alone, tied = chances({"verdict": "partly", "effects": named})
-    assert alone == "wrong on made-up machines: 1 of 100 names alone, more than noise left, at most 5 % at 95 %"
-    assert "0 of 20 ties, more than noise left, at most 14 %" in tied
+    assert alone == "wrong on made-up machines: 1 of 100 names alone beside a residual, at most 5 % at 95 %"
+    assert "0 of 20 ties beside a residual, at most 14 %" in tied
