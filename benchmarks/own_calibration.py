@@ -104,7 +104,6 @@ FORMULA = {
 }
 JOURNAL = Path(__file__).parent / "results" / "own_calibration.jsonl.gz"
 FORMULAS = JOURNAL.with_name("own_formulas.jsonl.gz")
-STATED = Path(__file__).parents[1] / "hexsim" / "own" / "calibration.toml"
 SEALED = 22_206  # seeds from here on: not looked at while the inference was written
 SEALED_FORMULAS = 41_028
 
@@ -274,27 +273,6 @@ def commit() -> str:
     ).stdout.strip()
 
 
-def state(rows: list[dict]) -> str:
-    """calibration.toml: verdicts of each kind on sealed machines of both journals, and how many of them are wrong."""
-    wrong: dict[str, list[bool]] = {"name": [], "tie": [], "formula": []}
-    for row in rows:
-        for step, verdict in zip(
-            row["steps"], verdicts_of(row["missing"], row["steps"], row.get("truth")), strict=True
-        ):
-            wrong["tie" if step["tied"] else "name"].append(verdict == "wrong")
-        if row["stated"] is not None:
-            wrong["formula"].append(row["stated"] not in FORMULA.get(row["missing"], [row.get("truth")]))
-    seeds, commits = sorted(row["seed"] for row in rows), sorted({row["commit"] for row in rows})
-    lines = [
-        "# Verdicts on made-up machines that nobody had seen. Written by `python benchmarks/own_calibration.py --state`.",
-        'command = "benchmarks/own_calibration.py, own_formulas.py"',
-        f"seeds = {seeds}",
-        f"commits = {json.dumps(commits)}",
-        *(f"{kind} = {{ wrong = {sum(of)}, of = {len(of)} }}" for kind, of in wrong.items()),
-    ]
-    return "\n".join(lines) + "\n"
-
-
 def judged(seed: int) -> dict:
     """One machine made and traced."""
     began = time.process_time()
@@ -324,14 +302,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--only", nargs="+", default=["none", "library", "outside"], help="classes of what is missing")
     parser.add_argument("--out", type=Path, default=JOURNAL)
-    parser.add_argument("--state", action="store_true", help="write the stated chance from both journals, and end")
     asked = parser.parse_args()
-    if asked.state:
-        own = [row for row in rows_of(JOURNAL) if row["seed"] >= SEALED]
-        STATED.write_text(
-            state(own + [row for row in rows_of(FORMULAS) if row["seed"] >= SEALED_FORMULAS]), encoding="utf-8"
-        )
-        return
     print(f"commit {commit()}")
     counts: dict[str, dict[str, int]] = {}
     for seed in range(asked.first, asked.first + asked.count):

@@ -246,11 +246,13 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     from rich.text import Text
 
     from hexsim.tracing.report.readings import term_sentence, total_sentence
-    from hexsim.tracing.report.tables import checks_of
+    from hexsim.tracing.report.tables import chances, checks_of
 
     console = output()
     verdict = report["verdict"]
     console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
+    for said in chances(report):
+        console.print(f"chance   {said}")
     for remark in report.get("remarks", []):
         console.print(f"note     {remark}")
     for line in report.get("would_show", []):

@@ -70,6 +70,14 @@ class Spectrum:
     def at(self, log_f: Array) -> Array:
         return np.exp(np.interp(log_f, self.log_f, self.log_s))
 
+    @property
+    def top_Hz(self) -> float:
+        """Upper end of the band that stands two errors above the floor, which is noise; 0 where there is nothing else."""
+        floor = int(np.argmin(self.log_s))
+        clear = self.log_s - self.log_s[floor] > 2.0 * np.sqrt(1.0 / self.counts + 1.0 / self.counts[floor])
+        edges = np.append(self.edges, self.log_f[-1])
+        return float(np.exp(edges[np.flatnonzero(clear)[-1]])) if clear.any() else 0.0
+
     def log_density(self, log_f: Array, power: Array, weight: Array) -> float:
         """Of the coefficients of another stretch: each bin's variance is known by its count alone (Student t)."""
         where, s = np.searchsorted(self.edges, log_f), self.at(log_f)

@@ -29,7 +29,7 @@ FORMULAS = ("adds", "elsewhere", "forwards", "backwards", "becomes", "storage")
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """Typical sizes: of a place in the model, X, S, P, M, H, C, Y, and of the run, T, D."""
+    """Typical sizes: of a place in the model, X, S, P, M, H, C, Y, N, and of the run, T, D."""
 
     X: float = 1.0
     S: float = 1.0
@@ -38,6 +38,7 @@ class Sizes:
     H: float = 1.0
     C: float = 0.0
     Y: float = 1.0
+    N: float = 1.0
     T: float = 1.0
     D: float = 1.0
 

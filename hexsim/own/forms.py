@@ -36,13 +36,14 @@ STARTS = Starts()
 
 @dataclass(frozen=True, kw_only=True)
 class Signal:
-    """size: rms. middle, half: of its range."""
+    """size: rms. middle, half: of its range. waves: half waves over it, of the finest sine that shows."""
 
     name: str
     unit: str
     size: float
     middle: float
     half: float
+    waves: int
 
     @property
     def positive(self) -> bool:
@@ -87,12 +88,8 @@ def side_of(s: Signal) -> Iterator[Factor]:
         yield Factor(kind=f"sign({s.name})", text=f"sign({s.name})", size=1.0)
 
 
-def sines(
-    s: Signal,
-    *,
-    half_waves: int = 25,  # over the range of a signal, of the finest sine that is tried
-) -> Iterator[Factor]:
-    for k in range(1, half_waves + 1):
+def sines(s: Signal) -> Iterator[Factor]:
+    for k in range(1, s.waves + 1):
         wave = EffectNumber(start=0.5 * math.pi * k / s.half, low=0.0, scale=0.05 / s.half, unit=f"rad/{s.unit}")
         yield Factor(
             kind=f"sin(k * {s.name})",
@@ -294,6 +291,7 @@ def signal_of(tables: ModelTables, name: str, sizes: Sizes, what: str) -> Signal
         size=sizes.X if what == "sum" else sizes.Y,
         middle=middle,
         half=half or 1.0,
+        waves=math.ceil(sizes.N),
     )
 
 

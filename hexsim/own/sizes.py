@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import sympy
 
+from hexsim.inference.likelihood import Fit
 from hexsim.own.compiled import What
 from hexsim.own.declaration import ModelTables
 from hexsim.own.effects import Sizes, place_of
@@ -17,9 +18,12 @@ from hexsim.own.simulate import FreeRun
 Array = np.ndarray
 
 
-def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable[[str, str], Sizes]:
-    """Typical sizes of signals, from the free runs of the model as it is."""
+def sizes_of(tables: ModelTables, now: Fit) -> Callable[[str, str], Sizes]:
+    """Typical sizes of signals, from the free runs of a fit of `OwnProblem`."""
+    problem, theta = now.problem, now.theta
+    assert isinstance(problem, OwnProblem)
     model, records = problem.simulator.model, problem.records
+    top_Hz = max((spectrum.top_Hz for spectrum in now.spectra), default=0.0)
     runs = [problem.free_run(k, theta) for k in range(len(records))]
     states = np.concatenate([free.states for free in runs])
     spread = dict(zip(model.states, np.sqrt(np.nanmean(states**2, axis=0)), strict=True))
@@ -39,22 +43,32 @@ def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable
                 M=middle[at],
                 H=half[name] or 1.0,
                 C=middle[name],
+                N=waves([free.states[:, model.states.index(name)] for free in runs], 2.0 * top_Hz * dt),
                 **common,
             )
         if what == "input":
             k = model.inputs.index(name)
-            values = np.concatenate([record.inputs[:, k] for record in records])
+            parts = [record.inputs[:, k] for record in records]
         else:
             k = model.outputs.index(name)
-            values = np.concatenate([record.measured[record.weight[:, k] > 0, k] for record in records])
+            parts = [record.measured[record.weight[:, k] > 0, k] for record in records]
+        values = np.concatenate(parts)
         return Sizes(
             Y=float(np.sqrt(np.mean(values**2))) or 1.0,
             P=0.5 * float(np.ptp(values)) or 1.0,
             M=0.5 * float(values.max() + values.min()),
+            N=waves(parts, 2.0 * top_Hz * dt),
             **common,
         )
 
     return of
+
+
+def waves(parts: Sequence[Array], half_periods: float) -> float:
+    """Half waves over a signal's range that pass, at its mean speed, in so many half periods of time a sample; 1 at least."""
+    values = np.concatenate(parts)
+    speed = np.nanmean(np.abs(np.concatenate([np.diff(part) for part in parts])))
+    return max(half_periods * float(np.nanmax(values) - np.nanmin(values)) / float(speed or np.inf), 1.0)
 
 
 def sum_size(

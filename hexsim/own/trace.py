@@ -12,6 +12,7 @@ from hexsim.inference.formula import Formula, formula_of
 from hexsim.inference.likelihood import Fit
 from hexsim.inference.notebook import Notebook
 from hexsim.inference.search import Found, search
+from hexsim.inference.stated import stated
 from hexsim.inference.verdict import Judgment, changing
 from hexsim.own.declaration import Declaration
 from hexsim.own.effects import Candidate, joined, offered
@@ -22,7 +23,6 @@ from hexsim.own.model import model_of
 from hexsim.own.problem import OwnProblem, problem_of
 from hexsim.own.run import simulated
 from hexsim.own.sizes import sizes_of
-from hexsim.own.stated import kind_of, stated
 
 Array = np.ndarray
 
@@ -109,6 +109,10 @@ def said(found: Found, formula: Formula | None) -> str:
     return "; ".join([*parts, *([f"likely, not proven: {', '.join(likely[:2])}"] if likely else [])])
 
 
+def kind_of(step: Judgment) -> str:
+    return "tie" if step.tied else "name"
+
+
 def of_kinds(steps: Sequence[Judgment]) -> Iterator[str]:
     """Names alone, then ties, each kind with its stated chance of being wrong."""
     for kind in dict.fromkeys(map(kind_of, steps)):
@@ -142,15 +146,14 @@ class Simulated:
     def offers(self, chosen: Sequence[Candidate], now: Fit, rival: bool) -> list[Candidate]:
         declared = self.declared(chosen)
         assert isinstance(now.problem, OwnProblem)
-        sizes = sizes_of(declared, now.problem, now.theta)
+        sizes = sizes_of(declared, now)
         every = offered(declared, now.problem.simulator.model.inputs, sizes)
         return [candidate for candidate in every if candidate.rival is rival]
 
     def free_forms(self, chosen: Sequence[Candidate], now: Fit) -> list[list[Candidate]]:
         """The most general laws over the signals of each place, and memories at the places of what is chosen."""
-        assert isinstance(now.problem, OwnProblem)
         declared, fitted = self.declared(chosen), dict(zip(now.names, map(float, now.theta), strict=True))
-        sizes = sizes_of(declared, now.problem, now.theta)
+        sizes = sizes_of(declared, now)
         return [[form] for form in self.offers(chosen, now, True)] + [
             [distinct(one, k) for k, one in enumerate(tries)]
             for effect in chosen
@@ -159,9 +162,8 @@ class Simulated:
 
     def loosened(self, effect: Candidate, chosen: Sequence[Candidate], now: Fit) -> Candidate:
         """The effect with an error of its form."""
-        assert isinstance(now.problem, OwnProblem)
         declared = self.declared(chosen)
-        return loosened(declared, effect, sizes_of(declared, now.problem, now.theta))
+        return loosened(declared, effect, sizes_of(declared, now))
 
     def candidates(self, chosen: Sequence[Candidate], now: Fit) -> tuple[OwnProblem, list[tuple[Candidate, list[str]]]]:
         """All that the library and the file offer, in one model."""
@@ -176,7 +178,7 @@ class Simulated:
         """Every formula over the machine's signals but those that a chosen or named effect is."""
         assert isinstance(now.problem, OwnProblem)
         declared = self.declared(chosen)
-        every = forms(declared, now.problem.simulator.model.inputs, sizes_of(declared, now.problem, now.theta))
+        every = forms(declared, now.problem.simulator.model.inputs, sizes_of(declared, now))
         known = {written(one) for one in (*chosen, *named)}
         return [form for form in every if written(form.candidate) not in known]
 

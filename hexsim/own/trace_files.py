@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 
 from hexsim.files.json_files import write_json
 from hexsim.inference.formula import Formula
+from hexsim.inference.stated import WORDS, chance, stated
 from hexsim.inference.verdict import Judgment
 from hexsim.own.declaration import Declaration
 from hexsim.own.folder import OwnFolder, load_simulated
@@ -18,8 +19,7 @@ from hexsim.own.forms import as_effect
 from hexsim.own.model import START, model_of
 from hexsim.own.run import ABOUT, pictures, report_of, sections, simulated
 from hexsim.own.state_file import StateFile
-from hexsim.own.stated import WORDS, at_most, counts, kind_of, stated
-from hexsim.own.trace import OwnTrace, trace_own
+from hexsim.own.trace import OwnTrace, kind_of, trace_own
 from hexsim.recording.page import Column, Report, Row, Section, code, join, remark, small, table, verdict
 
 EFFECT = "effect.toml"
@@ -182,12 +182,6 @@ def formula_entry(formula: Formula | None) -> list[dict[str, Any]]:
         return []
     said = {"verdict": "formula" if formula.proven else "no form", "why": formula.why or formula.best.why}
     return [entry(formula.best) | said | {"tied": formula.rivals} | (chance("formula") if formula.proven else {})]
-
-
-def chance(kind: str) -> dict[str, Any]:
-    """How often verdicts of this kind were wrong on made-up machines, with the upper bound at 95 %."""
-    wrong, of = counts()[kind]
-    return {"wrong": {"machines": of, "wrong": wrong, "at_most": at_most(wrong, of)}}
 
 
 def as_file(found: OwnTrace, folder: Path) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from io import BytesIO
@@ -20,6 +20,7 @@ from PIL import Image
 
 from hexsim.recording import palette
 
+Array = np.ndarray
 Parameters = ParamSpec("Parameters")
 Drawn = TypeVar("Drawn")
 
@@ -157,6 +158,22 @@ def small_multiples(
     return figure, every[:count]
 
 
+def panels(rows: int, columns: int, height: float, margins: Margins, **settings: Any) -> tuple[Figure, Array]:
+    """A grid of plots (rows, columns) without a title, with these margins. settings: of matplotlib's `subplots`."""
+    figure = Figure(figsize=(PAPER.width_in, height))
+    grid = margins.grid(rows, columns, PAPER.width_in, height)
+    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **settings)
+
+
+def room_for(
+    labels: Iterable[str],
+    *,
+    letter_in: float = 0.066,  # in: width of a letter of 8 points
+) -> float:
+    """Room left of a plot for the labels of its rows [in]."""
+    return 0.15 + letter_in * max(map(len, labels), default=0)
+
+
 def legend(plot: Axes, columns: int = 4) -> None:
     """Above the plot, at the right, out of the way of the curves."""
     plot.legend(
@@ -175,7 +192,8 @@ def legend_above(figure: Figure, *handles: Artist) -> None:
     """One legend for all plots of a figure, above them."""
     figure.legend(
         handles=handles,
-        loc="outside upper left",
+        loc="upper left",
+        bbox_to_anchor=(0.0, 1.0),
         ncols=len(handles),
         borderaxespad=0.2,
         handlelength=1.6,

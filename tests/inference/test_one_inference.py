@@ -108,6 +108,13 @@ def test_a_spectrum_is_that_of_the_noise():
     assert np.all(np.abs(np.exp(found.log_s) / 9.0 - 1.0) < 4.0 / np.sqrt(found.counts))
 
 
+def test_the_band_that_is_more_than_noise_ends_where_the_rest_does():
+    """Noise of which the part below 5 Hz is a hundred times as strong: its band ends in the bin of 5 Hz, or with the one before."""
+    rng, f = np.random.default_rng(4), 0.05 * np.arange(1, 1001)
+    power = np.where(f < 5.0, 100.0, 1.0) * rng.exponential(size=1000)
+    assert abs(np.log(spectrum_of(np.log(f), power, np.ones(1000), 0).top_Hz / 5.0)) < np.log(1000.0) / 14
+
+
 @dataclass(frozen=True)
 class One:
     """A candidate: a column."""

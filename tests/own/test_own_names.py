@@ -10,10 +10,11 @@ import pytest
 
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
-from hexsim.own import effects, folder, stated
+from hexsim.own import effects, folder
 from hexsim.own import trace as own_trace
 from hexsim.own.declaration import ModelTables
 from hexsim.own.forms import forms
+from hexsim.own.sizes import waves
 from hexsim.own.trace_files import trace_simulated
 
 DRIVE = """
@@ -114,6 +115,13 @@ def test_a_name_is_tied_with_a_formula_that_is_as_likely(tmp_path):
     assert 1.0 <= float(odds) < 50.0
 
 
+def test_half_waves_end_with_the_band_of_what_is_left():
+    """A signal that goes once a second over its range passes ten half waves at 5 Hz, however long and finely it is recorded."""
+    for dt, n in ((0.01, 1001), (0.005, 4001)):
+        there = np.abs((np.arange(n) * dt + 1.0) % 2.0 - 1.0)
+        assert waves([there], 2.0 * 5.0 * dt) == pytest.approx(10.0)
+
+
 def test_formulas_have_the_unit_of_their_sum(tmp_path):
     """A coefficient has the unit that makes its term a force; a product of two signals is longer than one signal, so that it must
     predict better."""
@@ -209,14 +217,6 @@ def test_a_formula_that_a_chosen_effect_is_is_not_offered(tmp_path):
     offered = lambda *names: {form.title for form in drive.forms([known[name] for name in names], now)}  # noqa: E731
     assert offered() - offered("quadratic friction") == {"v * abs(v) in v"}
     assert "v * abs(v) in v" in offered("Coulomb friction")
-
-
-def test_the_stated_chance_is_a_count(monkeypatch):
-    """None wrong of 59 is at most 5 % (0.95^59 = 0.0485); all wrong is 1; the sentence of a name says the counts of its kind."""
-    assert stated.at_most(0, 59) == pytest.approx(1 - 0.05 ** (1 / 59))
-    assert stated.at_most(3, 3) == 1.0
-    monkeypatch.setattr(stated, "counts", lambda: {"name": (0, 59)})
-    assert stated.stated("name") == "wrong on made-up machines: 0 of 59 names alone, at most 5 % at 95 %"
 
 
 def test_a_chance_follows_what_it_is_about(monkeypatch):

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from hexsim.declaration import Machine
 from hexsim.recording import palette
-from hexsim.recording.figure_style import MOST_POINTS, PAPER, legend_above, png, styled
+from hexsim.recording.figure_style import MOST_POINTS, Margins, legend_above, panels, png, styled
 from hexsim.recording.quantity import scale_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named, family, library
@@ -89,8 +88,7 @@ def balances(result: Trace) -> bytes:
     """Residual of each balance against the signal that explains it, with the fitted curve; before and after."""
     lines = worst_of_each(result)
     models = {"before": None} | ({"after": result.fitted} if result.effects or result.learned else {})
-    figure = Figure(figsize=(PAPER.width_in, 0.6 + 2.1 * len(lines)), layout="constrained")
-    axes = figure.subplots(len(lines), len(models), squeeze=False)
+    figure, axes = panels(len(lines), len(models), 0.6 + 2.1 * len(lines), Margins(top=0.52, between=0.82))
     for row, line in zip(axes, lines, strict=True):
         by = explained_by(result, line)
         for plot, (when, machine) in zip(row, models.items(), strict=True):

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import PAPER, png, styled
+from hexsim.recording.figure_style import PAPER, Margins, panels, png, room_for, styled
 from hexsim.recording.quantity import plain
 from hexsim.signals.channels import kind_of
 from hexsim.tracing.report.signals import SCALE, channel_words
@@ -45,8 +44,8 @@ def waterfall(result: Trace) -> bytes:
     shown = worst_of_kinds(result.budget)
     steps = list(dict.fromkeys(row["step"] for row in result.budget))
     rows = (len(shown) + 1) // 2
-    figure = Figure(figsize=(PAPER.width_in, rows * (1.1 + 0.27 * len(steps))), layout="constrained")
-    axes = figure.subplots(rows, 2, squeeze=False)
+    room = Margins(left=room_for(steps), top=0.3, bottom=0.45, across=0.3, between=0.72)
+    figure, axes = panels(rows, 2, rows * (1.1 + 0.27 * len(steps)), room)
     for plot, (run, channel) in zip(axes.ravel(), shown, strict=False):
         scale, unit = SCALE[kind_of(channel)][3:]
         own = [row for row in result.budget if (row["run"], row["channel"]) == (run, channel)]

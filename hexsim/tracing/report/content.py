@@ -10,6 +10,7 @@ import numpy as np
 
 from hexsim.files.json_files import write_json
 from hexsim.hydraulics.advice import advice_of
+from hexsim.inference.stated import chance, hydraulic
 from hexsim.machine import save_machine
 from hexsim.recording.quantity import quantity, split_key
 from hexsim.tracing import rules
@@ -34,7 +35,12 @@ def report_of(result: Trace) -> dict[str, Any]:
         "machine": result.machine.name,
         "remarks": remarks(result),
         "balances": [balance_entry(line) for line in result.violations],
-        "effects": [effect_entry(effect) | {"in_all": total_entries(effect, result.final)} for effect in result.effects]
+        "effects": [
+            effect_entry(effect)
+            | {"in_all": total_entries(effect, result.final)}
+            | chance(hydraulic(result.verdict, effect.tied_with))
+            for effect in result.effects
+        ]
         + [rest for rest in result.learned],
         "unexplained": [unexplained_entry(rest) for rest in result.unexplained],
         "detectable": detectable(result),

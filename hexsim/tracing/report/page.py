@@ -36,6 +36,7 @@ from hexsim.tracing.report import balance_figure, budget, figures, trades
 from hexsim.tracing.report.signals import SCALE, channel_words
 from hexsim.tracing.report.tables import (
     balance_rows,
+    chances,
     detectable_rows,
     effect_rows,
     error_rows,
@@ -99,6 +100,7 @@ def report_page(result: Trace) -> str:
     findings = [(note if f["severity"] != "notice" else remark)(f"{name}: {f['description']}.")
                 for name, found in report["findings"].items() for f in found]  # fmt: skip
     named = report["verdict"] in ("explained", "partly")
+    chance = [small(f"{said[0].upper()}{said[1:]}.") for said in chances(report)]
     pairs = shown.get("pairs", EMPTY)
     return Report(
         f"Trace of {result.machine.name}",
@@ -118,7 +120,7 @@ def report_page(result: Trace) -> str:
         ],
         about=f"Measured logs against the declared machine · fitted on {fitted} · judged on {held_out}, which no fit has seen",
         top=[
-            verdict(report["verdict"], [verdict_line(result)], [sentence(result)],
+            verdict(report["verdict"], [verdict_line(result)], [sentence(result), *chance],
                     good=report["verdict"] not in ("unexplained", "partly")),
             *(note(f"Note: {text}.") for text in report["remarks"]),
             *(remark(f"Hidden: {line}.") for line in report["would_show"]),

@@ -8,6 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from hexsim.inference.stated import hydraulic, stated
 from hexsim.recording.page import MOST_ROWS, Column, code, join, note, table
 from hexsim.recording.quantity import plain, quantity, split_key, with_error
 from hexsim.signals.channels import kind_of
@@ -58,6 +59,12 @@ def checks_of(effect: Mapping[str, Any]) -> list[tuple[str, str]]:
     """(name, what to check first on the machine) of an effect, and of its term's other names."""
     rows = (effect, *effect.get("one_term_with", []))
     return [(own["name"], own["check_first"]) for own in rows if own.get("check_first")]
+
+
+def chances(report: Mapping[str, Any]) -> list[str]:
+    """How often such names were wrong, one sentence a kind."""
+    kinds = (hydraulic(report["verdict"], e["tied_with"]) for e in report.get("effects", []) if e["name"])
+    return [stated(kind) for kind in dict.fromkeys(kinds)]
 
 
 def known_and_checks(effects: Iterable[Mapping[str, Any]]) -> list[Markup]:

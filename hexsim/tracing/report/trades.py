@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import PAPER, png, styled
+from hexsim.recording.figure_style import Margins, panels, png, styled
 from hexsim.recording.quantity import scale_of, split_key
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
@@ -57,8 +56,9 @@ def pairs(result: Trace, columns: int = 3) -> bytes:
     """A panel a pair, of two rows at most: the fitted point, and where both are with one and with two standard errors."""
     shown = trades_of(result)[: 2 * columns]
     rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(PAPER.width_in, 0.2 + 2.7 * rows), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    room = Margins(left=0.85, top=0.3, bottom=0.62, across=0.95, between=0.95)
+    figure, axes = panels(rows, columns, 0.2 + 2.7 * rows, room)
+    axes = axes.ravel()
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     for plot, (one, other, r) in zip(axes, shown, strict=False):
         (x_unit, x_name), (y_unit, y_name) = (
