@@ -22,12 +22,17 @@ from numba.core.dispatcher import Dispatcher
 
 
 class NamedClosures(caching.FunctionCache):
-    """A function by its code and what it closes over. Numba names a compiled function by a number of its process, so that none which
-    closes over one was found again."""
+    """A function by its code and what it closes over: of compiled functions their name and when their file was written. Numba names them
+    by a number of the process, so that none which closes over one was found again."""
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         held = (cell.cell_contents for cell in self._py_func.__closure__ or ())
-        named = [f"{x.__module__}.{x.__qualname__}" if isinstance(x, Dispatcher) else x for x in held]
+        named = [
+            (x.__module__, x.__qualname__, os.stat(x.py_func.__code__.co_filename).st_mtime_ns)
+            if isinstance(x, Dispatcher)
+            else x
+            for x in held
+        ]
         return sig, codegen.magic_tuple(), self._py_func.__code__.co_code, *named
 
 

@@ -35,9 +35,8 @@ def test_without_a_folder_for_the_cache_a_temporary_one_is_used(tmp_path, taken)
     assert any(used.rglob("*.nbi")) and not used.stat().st_mode & 0o077
 
 
-CALLBACKS = """
-from numba import types
-from compensation.compiled import compiled, compiled_callback
+HELD = """
+from compensation.compiled import compiled
 
 @compiled
 def one_more(x):
@@ -46,6 +45,11 @@ def one_more(x):
 @compiled
 def two_more(x):
     return x + 2.0
+"""
+CALLBACKS = """
+from numba import types
+from compensation.compiled import compiled_callback
+from held import one_more, two_more
 
 def callback(function):
     @compiled_callback(types.float64(types.float64))
@@ -60,13 +64,17 @@ for made in map(callback, (one_more, two_more)):
 
 
 def test_callbacks_that_hold_compiled_functions_are_found_again(tmp_path):
-    """Two callbacks of the same lines hold a function each: they are two, and the next process finds both compiled."""
+    """Two callbacks of the same lines hold a function each: they are two, and the next process finds both compiled; where the file
+    of what they hold was changed, neither is found, and the new one runs."""
     (tmp_path / "callbacks.py").write_text(CALLBACKS)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
-    for found in (0, 1):
-        command = [sys.executable, str(tmp_path / "callbacks.py")]
+    command = [sys.executable, str(tmp_path / "callbacks.py")]
+    changed = HELD.replace("1.0", "5.0")
+    for held, said in ((HELD, "2.0 0 3.0 0"), ("", "2.0 1 3.0 1"), (changed, "6.0 0 3.0 0")):
+        if held:
+            (tmp_path / "held.py").write_text(held)
         ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        assert ended.stdout.split() == ["2.0", str(found), "3.0", str(found)]
+        assert ended.stdout.split() == said.split()
 
 
 DAMAGES = [("*.nbi", "flipped"), ("*.nbi", "empty"), ("*.nbi", "cut"), ("*.nbc", "empty"), ("*.nbc", "flipped")]
