@@ -65,10 +65,18 @@ def sizes_of(tables: ModelTables, now: Fit) -> Callable[[str, str], Sizes]:
 
 
 def waves(parts: Sequence[Array], half_periods: float) -> float:
-    """Half waves over a signal's range that pass, at its mean speed, in so many half periods of time a sample; 1 at least."""
+    """Half waves over a signal's range that each take half a period at least where the signal is slowest, over a quarter of its way; 1 at
+    least. parts: its runs. half_periods: of time, a sample. A signal that jumps between rests passes all of them at once."""
     values = np.concatenate(parts)
-    speed = np.nanmean(np.abs(np.concatenate([np.diff(part) for part in parts])))
-    return max(half_periods * float(np.nanmax(values) - np.nanmin(values)) / float(speed or np.inf), 1.0)
+    if not half_periods > 0.0:
+        return 1.0
+    span = max(round(1.0 / half_periods), 1)
+    passed = np.concatenate([np.abs(part[span:] - part[:-span]) for part in parts])
+    passed = np.sort(passed[passed > 0.0])
+    if not len(passed):
+        return 1.0
+    slow = passed[np.searchsorted(np.cumsum(passed), 0.25 * passed.sum())]
+    return max(half_periods * span * float(np.nanmax(values) - np.nanmin(values)) / float(slow), 1.0)
 
 
 def sum_size(

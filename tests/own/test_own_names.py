@@ -122,6 +122,15 @@ def test_half_waves_end_with_the_band_of_what_is_left():
         assert waves([there], 2.0 * 5.0 * dt) == pytest.approx(10.0)
 
 
+def test_a_signal_that_jumps_or_rests_passes_no_more_half_waves_for_it() -> None:
+    """A jump between two rests passes all half waves at once, and there is no finer sine than one of a single half wave; rests beside a
+    motion, and one that never moves, add none."""
+    dt, jump = 0.01, np.repeat([0.0, 1.0], 3000)
+    assert waves([jump], 2.0 * 5.0 * dt) == 1.0 == waves([np.zeros(100)], 2.0 * 5.0 * dt)
+    there = np.abs((np.arange(1001) * dt + 1.0) % 2.0 - 1.0)
+    assert waves([np.r_[there, np.full(20000, there[-1])]], 2.0 * 5.0 * dt) == pytest.approx(10.0)
+
+
 def test_formulas_have_the_unit_of_their_sum(tmp_path):
     """A coefficient has the unit that makes its term a force; a product of two signals is longer than one signal, so that it must
     predict better."""
