@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from scipy.optimize import minimize_scalar
 
-from hexsim.compiled import compiled
 from hexsim.tracing import rules
 
 Array = np.ndarray
@@ -166,16 +166,8 @@ def line_share(residual: Array, frequency_Hz: float, rate: float) -> float:
 
 def low_passed(x: Array, time_constant_s: float, rate: float) -> Array:
     """First-order low-pass, in its steady state at the first sample."""
-    return _one_pole(np.ascontiguousarray(x, dtype=float), float(np.exp(-1.0 / (time_constant_s * rate))))
-
-
-@compiled
-def _one_pole(x, pole):
-    out, y = np.empty(len(x)), x[0]
-    for i in range(len(x)):
-        y = pole * y + (1.0 - pole) * x[i]
-        out[i] = y
-    return out
+    pole = np.exp(-1.0 / (time_constant_s * rate))
+    return scipy.signal.lfilter([1 - pole], [1, -pole], x, zi=[pole * x[0]])[0]
 
 
 def behind_low_pass(words: str, memory_s: float | None) -> str:

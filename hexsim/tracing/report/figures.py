@@ -175,17 +175,11 @@ def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
 
 
 def density(x: Array, rate: float, bins_a_decade: int = 30) -> tuple[Array, Array]:
-    """Power spectral density, Welch with windows of about 4 s, averaged over bins that are even in log(f).
+    """Power spectral density, Welch with windows of about 4 s, averaged over bins that are even in log(f)."""
+    from scipy.signal import welch
 
-    As `scipy.signal.welch`, whose package is half a second of start-up.
-    """
-    n = min(int(4 * rate), len(x))
-    window = np.sin(np.pi * np.arange(n) / n) ** 2
-    parts = np.lib.stride_tricks.sliding_window_view(x, n)[:: n - n // 2]
-    lines = np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window)[:, 1:]
-    power = 2.0 * np.mean(np.abs(lines) ** 2, axis=0) / (rate * np.sum(window**2))
-    power[-1] *= 1.0 if n % 2 else 0.5  # half the sample rate has no counterpart
-    f = np.fft.rfftfreq(n, 1.0 / rate)[1:]
+    f, power = welch(x - x.mean(), rate, nperseg=min(int(4 * rate), len(x)))
+    f, power = f[1:], power[1:]
     bins = np.floor(bins_a_decade * np.log10(f / f[0])).astype(int)
     _, place = np.unique(bins, return_inverse=True)
     count = np.bincount(place)
