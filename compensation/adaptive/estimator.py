@@ -99,7 +99,9 @@ FORGET_TICKS = 2000.0  # of the fastest speed of late: two periods of a sine of 
 JITTER_s = 1e-4  # of a clock, before it is measured: a twentieth of a tick of 2 ms
 # of another leg's dry friction, within a knot, against plants' own: of a leg that has said nothing; of one that has; where that one turns
 FRICTION_ERROR, TOLD_ERROR, TOLD_TURNING = 0.2, 0.02, 0.05
-TURNING_ERROR = 0.58  # of one that may stand and has not fitted it: evenly likely between friction down and up, 1/sqrt(3)
+TURNING_ERROR = (
+    0.58  # of one that may stand and has not fitted it: evenly likely between friction down and up, 1/sqrt(3)
+)
 # orthonormal columns of a parabola through as many forces as a speed is measured from
 ARC = np.linalg.qr(np.vander(np.arange(-MEASURED_TICKS, MEASURED_TICKS + 1.0), 3, increasing=True))[0]
 # a parabola through nine readings: its value and slope [1/tick] at the first
