@@ -98,11 +98,13 @@ LATE = WINDOW + BACK + HALF_SPAN + LEAD
 STEP_ERROR = (1e-6, 2e3)
 FORGET_TICKS = 2000.0  # of the fastest speed of late: two periods of a sine of 0.5 Hz
 JITTER_s = 1e-4  # of a clock, before it is measured: a twentieth of a tick of 2 ms
-# of another leg's dry friction, within a knot, against plants' own: of a leg that has said nothing; of one that has; where that one turns
-FRICTION_ERROR, TOLD_ERROR, TOLD_TURNING = 0.2, 0.02, 0.05
-TURNING_ERROR = (
-    0.58  # of one that may stand and has not fitted it: evenly likely between friction down and up, 1/sqrt(3)
-)
+# of another leg's dry friction, within a knot: by the steady law, and of its own fit, while this leg's misfit may come from there
+FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
+SETTLED_ERROR, SETTLED_TURNING = (
+    0.02,
+    0.05,
+)  # afterwards, measured against the plant's own; where the leg turns by its own fit
+TURNING_ERROR = 0.58  # of one that may stand, unfitted: evenly likely between friction down and up, 1/sqrt(3)
 # orthonormal columns of a parabola through as many forces as a speed is measured from
 ARC = np.linalg.qr(np.vander(np.arange(-MEASURED_TICKS, MEASURED_TICKS + 1.0), 3, increasing=True))[0]
 # a parabola through nine readings: its value and slope [1/tick] at the first
@@ -438,6 +440,7 @@ def _turns(window, i, k, noise_m_s):
 def _doubt_loads(s, window, noise_m_s):
     """How uncertain the mean of what the other legs give is in each knot [N]: by the noise of their forces and by their friction."""
     settings, passed = s.settings, 0.0
+    settled = s.fit.was_known != 0 and is_known_leg(s.fit.chi2)
     for i in range(settings.legs):
         if i != settings.leg:
             passed += s.mobility[i] * s.mobility[i]
@@ -448,10 +451,13 @@ def _doubt_loads(s, window, noise_m_s):
         n = s.others[i]
         dry = s.mobility[i] * 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
         for q in range(KNOTS):
-            share = TOLD_ERROR if s.heard[i] else FRICTION_ERROR
+            share = SETTLED_ERROR if settled and s.heard[i] else FITTED_ERROR
             for k in range(q * KNOT, (q + 1) * KNOT):
+                fitted = window.fitted[k, i] != 0
                 if _turns(window, i, k, noise_m_s):
-                    share = max(share, TOLD_TURNING if window.fitted[k, i] else TURNING_ERROR)
+                    share = max(share, SETTLED_TURNING if fitted else TURNING_ERROR)
+                elif not (fitted or settled):
+                    share = max(share, FRICTION_ERROR)
             window.doubt_N[q] += (share * dry) ** 2
     for q in range(KNOTS):
         window.doubt_N[q] = sqrt(window.doubt_N[q])
