@@ -451,12 +451,13 @@ def _doubt_loads(s, window, noise_m_s):
         n = s.others[i]
         dry = s.mobility[i] * 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
         for q in range(KNOTS):
-            share = SETTLED_ERROR if settled and s.heard[i] else FITTED_ERROR
+            sure = settled and s.heard[i] != 0
+            share = SETTLED_ERROR if sure else FITTED_ERROR
             for k in range(q * KNOT, (q + 1) * KNOT):
                 fitted = window.fitted[k, i] != 0
                 if _turns(window, i, k, noise_m_s):
                     share = max(share, SETTLED_TURNING if fitted else TURNING_ERROR)
-                elif not (fitted or settled):
+                elif not (fitted or sure):
                     share = max(share, FRICTION_ERROR)
             window.doubt_N[q] += (share * dry) ** 2
     for q in range(KNOTS):
