@@ -81,9 +81,8 @@ CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
 NOISE_MISFIT = 1.5  # of a fit to windows of the same leg: half as much beside the noise as noise
 # Other minima that are tried about what was found, in turn: a stiffer bristle; a spool that has all of the valve's lag, which is known
-# better than its parts; a faster one; a wider backlash: by ELSEWHERE of the prior's standard deviations. On a platform first what the
-# other legs have found
-BRISTLE, ALL_SPOOL, FAST_SPOOL, WIDE, TOLD = range(5)
+# better than its parts; a faster one; a wider backlash: by ELSEWHERE of the prior's standard deviations
+BRISTLE, ALL_SPOOL, FAST_SPOOL, WIDE = range(4)
 TRIES, ELSEWHERE, SHORTEST_LAG_s = WIDE + 1, 1.5, 1e-4  # a lag far below a tick
 STARTS = 2  # of `folding`: a pass over one window for its start
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
@@ -100,10 +99,8 @@ FORGET_TICKS = 2000.0  # of the fastest speed of late: two periods of a sine of 
 JITTER_s = 1e-4  # of a clock, before it is measured: a twentieth of a tick of 2 ms
 # of another leg's dry friction, within a knot: by the steady law, and of its own fit, while this leg's misfit may come from there
 FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
-SETTLED_ERROR, SETTLED_TURNING = (
-    0.02,
-    0.05,
-)  # afterwards, measured against the plant's own; where the leg turns by its own fit
+# afterwards, measured against the plant's own, and where the leg turns by its own fit
+SETTLED_ERROR, SETTLED_TURNING = 0.02, 0.05
 TURNING_ERROR = 0.58  # of one that may stand, unfitted: evenly likely between friction down and up, 1/sqrt(3)
 # orthonormal columns of a parabola through as many forces as a speed is measured from
 ARC = np.linalg.qr(np.vander(np.arange(-MEASURED_TICKS, MEASURED_TICKS + 1.0), 3, increasing=True))[0]
@@ -797,10 +794,6 @@ def _elsewhere(fit, which):
     late_s = valve_lag_s(n)
     if which == BRISTLE:
         n[GIVE] -= ELSEWHERE * fit.sd[GIVE]
-    elif which == TOLD:
-        for k in range(N_NUMBERS):
-            if fit.told_weight[k] > 0.0:
-                n[k] = min(max(fit.mean[k] + fit.told[k] * fit.sd[k], fit.low[k]), fit.high[k])
     elif which == WIDE:
         n[PLAY] += ELSEWHERE * fit.sd[PLAY]
     elif which == FAST_SPOOL:
@@ -826,8 +819,7 @@ def _begin_try(s):
     fit.aside_g[:] = fit.folded_g
     fit.aside_cost, fit.aside_kept = fit.folded_cost, fit.kept
     _forget_folded(fit)
-    which = (fit.tries - s.platform + (0 if s.share == 0.0 else 1)) % TRIES  # compensated reversals show the spool
-    _elsewhere(fit, TOLD if s.platform and fit.tries == 0 else which)
+    _elsewhere(fit, (fit.tries + (0 if s.share == 0.0 else 1)) % TRIES)  # compensated reversals show the spool
     _begin_again(s, fit.proposed)
     fit.trying, fit.stage = 1, 1
     fit.tries += 1
@@ -871,7 +863,7 @@ def _settle(s):
     if fit.seen > fit.tries_seen + WINDOWS and BETTER * (fit.throughout - 1.0) > fit.tried - 1.0:
         fit.tries, fit.tries_seen = 0, fit.seen
     stays = fit.best.cost > BETTER * fit.first_cost
-    if fit.throughout > KNOWN_LEG and stays and fit.count == WINDOWS and fit.tries < TRIES + s.platform:
+    if fit.throughout > KNOWN_LEG and stays and fit.count == WINDOWS and fit.tries < TRIES:
         fit.settled, fit.tried = 0, fit.throughout
         _begin_try(s)
 
