@@ -97,9 +97,13 @@ LATE = WINDOW + BACK + HALF_SPAN + LEAD
 STEP_ERROR = (1e-6, 2e3)
 FORGET_TICKS = 2000.0  # of the fastest speed of late: two periods of a sine of 0.5 Hz
 JITTER_s = 1e-4  # of a clock, before it is measured: a twentieth of a tick of 2 ms
-# of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
+# of another leg's dry friction, within a knot: by the steady law, and of its own fit, while this leg's misfit may come from there
 FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
-TURNING_ERROR = 0.58  # of one that may stand: evenly likely between friction down and up, 1/sqrt(3)
+# afterwards, measured against the plant's own, and where the leg turns by its own fit
+SETTLED_ERROR, SETTLED_TURNING = 0.02, 0.05
+TURNING_ERROR = 0.58  # of one that may stand, unfitted: evenly likely between friction down and up, 1/sqrt(3)
+# orthonormal columns of a parabola through as many forces as a speed is measured from
+ARC = np.linalg.qr(np.vander(np.arange(-MEASURED_TICKS, MEASURED_TICKS + 1.0), 3, increasing=True))[0]
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 
@@ -164,6 +168,31 @@ def slowest_m_s(past, tick_s):
 
 
 @compiled
+def _force_noise2(s):
+    """Variance of a leg's measured force [N2]: transducers of all legs are taken to be alike."""
+    top = s.settings.area_top_m2 if s.sheet[S_FOUR_WAY] != 0.0 else 0.0
+    return (s.settings.area_bottom_m2**2 + top**2) * s.past.noise_Pa**2
+
+
+@compiled
+def _quiet_force(past, k, i, noise2):
+    """Leg i's force at tick k [N]: a parabola's, and of what that leaves the share that is not noise of variance noise2 [N2]
+    (the local filter of Lee, 1980). Noise of a force moves the model, and the fit takes numbers that let less of it through; a parabola
+    alone would blur the jump of friction where the leg turns."""
+    middle, n = past.forces_N[k, i], len(ARC)
+    flat = slope = bend = total = 0.0
+    for j in range(n):
+        force = past.forces_N[(k + j - MEASURED_TICKS) & (HISTORY - 1), i] - middle
+        flat += ARC[j, 0] * force
+        slope += ARC[j, 1] * force
+        bend += ARC[j, 2] * force
+        total += force * force
+    found = ARC[MEASURED_TICKS, 0] * flat + ARC[MEASURED_TICKS, 1] * slope + ARC[MEASURED_TICKS, 2] * bend
+    left2 = (total - flat * flat - slope * slope - bend * bend) / (n - 3)
+    return middle + min(noise2 / left2, 1.0) * found if left2 > 0.0 else middle
+
+
+@compiled
 def collect(s):
     """Takes a window where one is due. Returns whether it did."""
     past, settings, m = s.past, s.settings, HISTORY - 1
@@ -198,7 +227,7 @@ def collect(s):
         return False
     window = s.windows[OLDER + 1 + s.fit.waiting]
     s.fit.waiting += 1
-    mean = 0.0
+    mean, noise2 = 0.0, _force_noise2(s)
     for j in range(WINDOW):
         k = (at + j) & m
         window.position_m[j], window.bottom_Pa[j], window.top_Pa[j] = (
@@ -210,7 +239,8 @@ def collect(s):
         for i in range(-HALF_SPAN, HALF_SPAN + 1):
             window.supply_Pa[j] += past.supply_Pa[(at + j + i) & m] / (2 * HALF_SPAN + 1)
         if s.platform:
-            window.forces_N[j] = past.forces_N[k]
+            for i in range(settings.legs):
+                window.forces_N[j, i] = _quiet_force(past, k, i, noise2)
             window.speeds_m_s[j] = past.speeds_m_s[k]
             window.mobility[j] = past.mobility[k]
             window.fitted[j] = 0
@@ -405,19 +435,27 @@ def _turns(window, i, k, noise_m_s):
 
 @compiled
 def _doubt_loads(s, window, noise_m_s):
-    """How uncertain the other legs' friction is in each knot [N]."""
-    settings = s.settings
-    window.doubt_N[:] = 0.0
+    """How uncertain the mean of what the other legs give is in each knot [N]: by the noise of their forces and by their friction."""
+    settings, passed = s.settings, 0.0
+    settled = s.fit.was_known != 0 and is_known_leg(s.fit.chi2)
+    for i in range(settings.legs):
+        if i != settings.leg:
+            passed += s.mobility[i] * s.mobility[i]
+    window.doubt_N[:] = passed * _force_noise2(s) / KNOT
     for i in range(settings.legs):
         if i == settings.leg:
             continue
         n = s.others[i]
         dry = s.mobility[i] * 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
         for q in range(KNOTS):
-            share = FITTED_ERROR
+            sure = settled and s.heard[i] != 0
+            share = SETTLED_ERROR if sure else FITTED_ERROR
             for k in range(q * KNOT, (q + 1) * KNOT):
-                if window.fitted[k, i] == 0:
-                    share = max(share, TURNING_ERROR if _turns(window, i, k, noise_m_s) else FRICTION_ERROR)
+                fitted = window.fitted[k, i] != 0
+                if _turns(window, i, k, noise_m_s):
+                    share = max(share, SETTLED_TURNING if fitted else TURNING_ERROR)
+                elif not (fitted or sure):
+                    share = max(share, FRICTION_ERROR)
             window.doubt_N[q] += (share * dry) ** 2
     for q in range(KNOTS):
         window.doubt_N[q] = sqrt(window.doubt_N[q])

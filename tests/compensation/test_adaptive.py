@@ -228,6 +228,19 @@ def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
         assert (less[2] - more[2])[k] / 2e-3 == pytest.approx(H[k, k], rel=1e-6)
 
 
+def test_forces_of_other_legs_lose_noise_and_keep_jumps() -> None:
+    """Of a leg's force that is a parabola and noise at most half of the noise's variance is left, and a jump by 40 times the noise, its
+    friction where it turns, stays within four noises of where it is: a parabola alone is off by 16."""
+    noise, past = 5.0, Adaptive().start(Context(mobility=(0.1,) * 5 + (1.0,), leg=5)).numbers.past
+    ticks = len(past.forces_N)
+    at, half = np.linspace(0.0, 1.0, ticks), ticks // 2
+    true = 3e3 + 400.0 * at - 200.0 * at**2 + 40.0 * noise * (np.arange(ticks) >= half)
+    past.forces_N[:, 2] = true + np.random.default_rng(4).normal(0.0, noise, ticks)
+    off = np.array([estimator._quiet_force(past, k, 2, noise**2) for k in range(ticks)]) - true
+    assert np.abs(off[half - 6 : half + 6]).max() < 4.0 * noise
+    assert np.var(np.r_[off[10 : half - 6], off[half + 6 : -10]]) < 0.5 * noise**2
+
+
 def _told(values: list[float], errors: float | list[float]) -> tuple[float, float]:
     """Mean and standard deviation of a number of leg 6 by what the five others know of it."""
     state = Adaptive().start(Context(mobility=(0.1,) * 5 + (1.0,), leg=5)).numbers
