@@ -38,10 +38,10 @@ from .started import Started
 from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, USUAL_SPOOL_HZ
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
-FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a dead sensor
-# noises, rounding included, in a count: up to there a reading at rest repeats FROZEN_TICKS times in 0.04 % (erf(1.22/8^0.5)^10, 1.22 of
-# the noise without rounding); a tenth of it is what counts leave open of the noise
-FINE = 1.15
+FROZEN_TICKS = 10  # a reading repeated at least so often, while the setpoint moved, is a dead sensor
+# chance that a sound reading at rest repeats as often: with the readings of six legs at 500 Hz once in some 300 hours at rest. Ten ticks
+# alone did it on 2 of 40,000 readings of a count as large as the noise, and a platform in six axes lost a leg for nothing
+FALSE_ALARM = 1e-10
 FROZEN_TRAVEL_M = (
     1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
 )
@@ -119,6 +119,7 @@ GUARD = np.dtype(
             ("anew", "i8"),
             ("top_pressure", READING),
             ("saturated_ticks", "i8"),
+            ("open_ticks", "i8"),  # for which the valve has been open, whatever its overlap
             ("output_V", "f8"),
             ("fade_from_V", "f8"),
             ("fade_ticks", "i8"),  # left
@@ -267,9 +268,9 @@ def accept(guard, added_V, forward_V, finite):
 
 
 @compiled
-def _frozen(reading, value, setpoint_m, coarse_m):
-    """Takes the reading of this tick; whether it stands still although the setpoint moves: by FROZEN_TRAVEL_M where the noise moves its
-    last count, by `coarse_m` where it does not, whatever is declared: there it stands still with the piston, in a dead band."""
+def _frozen(reading, value, setpoint_m, coarse_m, moves):
+    """Takes the reading of this tick; whether it stands still although the setpoint moves: by FROZEN_TRAVEL_M where what is read moves or
+    noise would have moved the last count by now, else by `coarse_m`: it stands still with the piston, in a dead band."""
     x = reading.values
     step = abs(value - x[0])
     push(x, value)
@@ -281,7 +282,9 @@ def _frozen(reading, value, setpoint_m, coarse_m):
         reading.repeated, reading.setpoint_m = 0, setpoint_m
         return False
     reading.repeated += 1
-    travel_m = FROZEN_TRAVEL_M if reading.count < FINE * reading.noise else coarse_m
+    chance = min(reading.count / (math.sqrt(2.0 * math.pi) * reading.noise), 1.0)  # of one repetition, at most
+    sure = (moves and chance < 0.5) or chance**reading.repeated < FALSE_ALARM  # below 0.5 even at rest ten are one in 1,000
+    travel_m = FROZEN_TRAVEL_M if sure else coarse_m
     return reading.repeated >= FROZEN_TICKS and abs(setpoint_m - reading.setpoint_m) > travel_m
 
 
@@ -291,11 +294,13 @@ def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
     total = position_m + bottom_Pa + top_Pa + supply_Pa + control_V + valve_V + setpoint_m
     if total - total != 0.0:
         return Reason.LOST
-    if _frozen(guard.position, position_m, setpoint_m, guard.position_travel_m):
+    guard.open_ticks = guard.open_ticks + 1 if abs(valve_V) > guard.edges_V / EDGE_MARGIN else 0
+    moves = guard.open_ticks >= FROZEN_TICKS
+    if _frozen(guard.position, position_m, setpoint_m, guard.position_travel_m, moves):
         return Reason.POSITION_FROZEN
-    if _frozen(guard.pressure, bottom_Pa, setpoint_m, guard.pressure_travel_m):
+    if _frozen(guard.pressure, bottom_Pa, setpoint_m, guard.pressure_travel_m, False):
         return Reason.PRESSURE_FROZEN
-    if top_Pa != 0.0 and _frozen(guard.top_pressure, top_Pa, setpoint_m, guard.pressure_travel_m):
+    if top_Pa != 0.0 and _frozen(guard.top_pressure, top_Pa, setpoint_m, guard.pressure_travel_m, False):
         return Reason.PRESSURE_FROZEN
     if abs(valve_V) < SATURATED_SHARE * guard.voltage_max_V:
         guard.saturated_ticks = 0

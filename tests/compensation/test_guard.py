@@ -9,6 +9,7 @@ import pytest
 from leg_plant import Leg, run, sine
 
 import compensation
+from compensation import Context, Sample
 
 FAULT_S = 10.3
 
@@ -110,3 +111,22 @@ def test_a_clock_that_jitters_is_no_noise_of_a_transducer_at_rest() -> None:
 
     record = run(compensation.create("exact"), Leg(overlap_m=2e-5), sine(0.05, 1.0), 12.0, noise=False, spoil=jittered)
     assert record.statuses == []
+
+
+def test_a_piston_at_rest_is_no_frozen_sensor() -> None:
+    """Seven minutes in a dead band, while setpoint and pressure move: noise as large as a count repeats ten readings in a row and more
+    several times. That is no fault. A reading that repeats for longer than noise can is one."""
+    draw, n = np.random.default_rng(7), 200_000
+    guarded, context = compensation.create("exact"), Context(rate_Hz=500.0)
+    state = guarded.start(context)
+    read_m = np.round(draw.normal(0.1, 3e-6, n) / 3e-6) * 3e-6
+    pressure_Pa, setpoint_m = draw.normal(4e6, 4e3, n), 0.1 + 4e-3 * np.sin(np.pi * 0.002 * np.arange(n))
+    moves = np.flatnonzero(np.diff(read_m))
+    assert np.sum(np.diff(moves) > 10) > 3
+    for k in range(n):
+        y_m = read_m[min(k, n - 50)]
+        sample = Sample(0.002 * k, setpoint_m[k], setpoint_m[k : k + 1], y_m, 0.0, 0.0, pressure_Pa[k], 7e6)
+        _, state = guarded.step(state, sample)
+        if k < n - 50:
+            assert guarded.status(state) == "", k
+    assert "position signal is frozen" in guarded.status(state)
