@@ -283,7 +283,8 @@ def _frozen(reading, value, setpoint_m, coarse_m, moves):
         return False
     reading.repeated += 1
     chance = min(reading.count / (math.sqrt(2.0 * math.pi) * reading.noise), 1.0)  # of one repetition, at most
-    sure = (moves and chance < 0.5) or chance**reading.repeated < FALSE_ALARM  # below 0.5 even at rest ten are one in 1,000
+    needed = 1e-3 if moves else FALSE_ALARM  # of a piston that moves noise is not all that changes a reading
+    sure = chance**reading.repeated < needed
     travel_m = FROZEN_TRAVEL_M if sure else coarse_m
     return reading.repeated >= FROZEN_TICKS and abs(setpoint_m - reading.setpoint_m) > travel_m
 

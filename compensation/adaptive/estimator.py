@@ -99,8 +99,9 @@ FORGET_TICKS = 2000.0  # of the fastest speed of late: two periods of a sine of 
 JITTER_s = 1e-4  # of a clock, before it is measured: a twentieth of a tick of 2 ms
 # of another leg's dry friction, within a knot: by the steady law, and of its own fit, while this leg's misfit may come from there
 FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
-# afterwards, measured against the plant's own, and where the leg turns by its own fit
+# when both fits are settled, measured against the plant's own, and where the leg turns by its own fit
 SETTLED_ERROR, SETTLED_TURNING = 0.02, 0.05
+SETTLED = 2  # of a leg that is heard: so is its fit; 1: it is not
 TURNING_ERROR = 0.58  # of one that may stand, unfitted: evenly likely between friction down and up, 1/sqrt(3)
 # orthonormal columns of a parabola through as many forces as a speed is measured from
 ARC = np.linalg.qr(np.vander(np.arange(-MEASURED_TICKS, MEASURED_TICKS + 1.0), 3, increasing=True))[0]
@@ -112,6 +113,12 @@ START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasin
 def is_known_leg(chi2):
     """Whether misfits chi2 (2,) are those of a leg that the model knows."""
     return max(chi2[0], chi2[1]) <= KNOWN_LEG
+
+
+@compiled
+def is_settled(s):
+    """Whether the fit has been known to be the leg's, and is."""
+    return s.fit.was_known != 0 and is_known_leg(s.fit.chi2)
 
 
 @compiled
@@ -437,7 +444,7 @@ def _turns(window, i, k, noise_m_s):
 def _doubt_loads(s, window, noise_m_s):
     """How uncertain the mean of what the other legs give is in each knot [N]: by the noise of their forces and by their friction."""
     settings, passed = s.settings, 0.0
-    settled = s.fit.was_known != 0 and is_known_leg(s.fit.chi2)
+    settled = is_settled(s)
     for i in range(settings.legs):
         if i != settings.leg:
             passed += s.mobility[i] * s.mobility[i]
@@ -447,8 +454,8 @@ def _doubt_loads(s, window, noise_m_s):
             continue
         n = s.others[i]
         dry = s.mobility[i] * 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
+        sure = settled and s.heard[i] == SETTLED
         for q in range(KNOTS):
-            sure = settled and s.heard[i] != 0
             share = SETTLED_ERROR if sure else FITTED_ERROR
             for k in range(q * KNOT, (q + 1) * KNOT):
                 fitted = window.fitted[k, i] != 0
@@ -725,8 +732,10 @@ def _keep_alone(fit, known):
     spread = max(1.0, known.chi2[0], known.chi2[1])
     for k in range(N_NUMBERS):
         alone = min(max(fit.best.numbers[k] + fit.a[k] * fit.sd[k], fit.low[k]), fit.high[k])
-        known.alone[k] = (alone - fit.mean[k]) / fit.sd[k]
+        known.alone[k] = (alone - fit.kind_mean[k]) / fit.kind_sd[k]
     variances(fit.L, spread, known.alone_variance, fit.a)
+    for k in range(N_NUMBERS):
+        known.alone_variance[k] *= (fit.sd[k] / fit.kind_sd[k]) ** 2
 
 
 @compiled
@@ -775,7 +784,8 @@ def _tell_number(s, k):
     for t in range(len(LEGS_ALIKE)):
         away = means[t] - fit.told[k]
         variance += odds[t] / total * (variances[t] + away * away)
-    fit.told_weight[k] = 1.0 / variance
+    fit.told[k] = (fit.kind_mean[k] + fit.told[k] * fit.kind_sd[k] - fit.mean[k]) / fit.sd[k]
+    fit.told_weight[k] = (fit.sd[k] / fit.kind_sd[k]) ** 2 / variance
 
 
 @compiled
@@ -856,8 +866,12 @@ def _settle(s):
     s.known.changed = 1 if fit.throughout > CHANGED_LEG else 0
     if is_known_leg(fit.chi2):
         fit.was_known = 1
-    elif fit.was_known and s.known.changed:  # what it was before is another leg's
+    elif (
+        fit.was_known or fit.restored
+    ) and s.known.changed:  # what it was before, start parameters too, is another leg's
         _forget_folded(fit)
+        fill_prior(fit, s.settings, s.past.force_N)
+        fit.restored = 0
         fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = fit.stage = 0
         return
     if fit.seen > fit.tries_seen + WINDOWS and BETTER * (fit.throughout - 1.0) > fit.tried - 1.0:
@@ -990,17 +1004,18 @@ def work(s):
 
 @compiled
 def hear_windows(s, other):
-    """What another leg has fitted of its friction, into the windows that both have seen."""
+    """What another leg has fitted of its friction, into the windows that both have seen. One may have begun later: ages are compared."""
     i = other.settings.leg
-    s.heard[i] = other.known.valid
+    s.heard[i] = SETTLED if other.known.valid and is_settled(other) else other.known.valid
     s.others[i] = other.known.numbers
     s.alone[i], s.alone_variance[i] = other.known.alone, other.known.alone_variance
     if not other.known.valid:
         return
+    begun_later = other.past.ticks - s.past.ticks
     for w in range(s.fit.count):
         for u in range(other.fit.count):
             window, its = s.windows[w], other.windows[u]
-            shift = window.first - its.first if its.tells else WINDOW
+            shift = window.first + begun_later - its.first if its.tells else WINDOW
             for k in range(max(0, -shift), min(WINDOW, WINDOW - shift)):
                 window.others_N[k, i] = its.friction_N[k + shift]
                 window.fitted[k, i] = 1

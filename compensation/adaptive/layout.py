@@ -51,7 +51,8 @@ TRIAL = record(  # a pass over the windows at some numbers
     friction_N=(f, (WINDOWS + 1, WINDOW)),
 )  # fmt: skip
 FIT = record(
-    mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
+    mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), kind_mean=(f, (N_NUMBERS,)), kind_sd=(f, (N_NUMBERS,)),  # of machines of its kind
+    low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
     mass_over_hold=f, told=(f, (N_NUMBERS,)), told_weight=(f, (N_NUMBERS,)), starts=i,
     best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
     at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i, gain=f, noise=(f, (2,)), jitter_s=f,
@@ -70,7 +71,7 @@ FIT = record(
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
     numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i, changed=i,
-    alone=(f, (N_NUMBERS,)), alone_variance=(f, (N_NUMBERS,)),  # without what other legs told, in units of sd
+    alone=(f, (N_NUMBERS,)), alone_variance=(f, (N_NUMBERS,)),  # without what other legs told, in units of kind_sd about kind_mean
 )  # fmt: skip
 INVERSE = record(
     r=(f, (4 * AHEAD,)), r2=(f, (4 * AHEAD,)), J=(f, (4 * AHEAD, AHEAD)), S=(f, (N_STATES, AHEAD)), path=(f, (AHEAD + 1, N_STATES)),

@@ -24,7 +24,7 @@ MOST_FACTOR = 1e8  # in units of scale: beyond 1/sqrt(eps) the prior is lost bes
 MOST_CHI2 = 1e16  # of a piston that is a stroke from where it is expected
 PRIOR = record(  # what `fill_prior` fills of a fit, in another order: a layout that another begins with is the same to numba
     mass_over_hold=f, mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)),
-    scale=(f, (N_COLUMNS,)),
+    scale=(f, (N_COLUMNS,)), kind_mean=(f, (N_NUMBERS,)), kind_sd=(f, (N_NUMBERS,)),
 )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -241,14 +242,17 @@ def test_forces_of_other_legs_lose_noise_and_keep_jumps() -> None:
     assert np.var(np.r_[off[10 : half - 6], off[half + 6 : -10]]) < 0.5 * noise**2
 
 
-def _told(values: list[float], errors: float | list[float]) -> tuple[float, float]:
-    """Mean and standard deviation of a number of leg 6 by what the five others know of it."""
+def _told(values: list[float], errors: float | list[float], own_sd: float = 1.0) -> tuple[float, float]:
+    """Mean and standard deviation of a number of leg 6 by what the five others know of it, in those of its kind. own_sd: of the leg's
+    start parameters."""
     state = Adaptive().start(Context(mobility=(0.1,) * 5 + (1.0,), leg=5)).numbers
     k = model.NAMES.index("coulomb_up")
+    state.fit.kind_mean[k] = state.fit["mean"][k] = 0.25
+    state.fit.kind_sd[k], state.fit.sd[k] = 2.0, 2.0 * own_sd
     state.heard[:5] = 1
     state.alone[:5, k], state.alone_variance[:5, k] = values, np.square(errors)
     estimator._tell_number(state, k)
-    return float(state.fit.told[k]), float(state.fit.told_weight[k]) ** -0.5
+    return float(state.fit.told[k]) * own_sd, float(state.fit.told_weight[k]) ** -0.5 * own_sd
 
 
 def test_legs_tell_each_other_more_the_more_they_are_alike() -> None:
@@ -258,6 +262,7 @@ def test_legs_tell_each_other_more_the_more_they_are_alike() -> None:
     assert alike[0] == pytest.approx(0.5, abs=0.01) and alike[1] < 0.1
     assert apart[0] == pytest.approx(0.5, abs=0.05) and apart[1] > 0.2
     assert _told([0.5, 0.5, 0.5, 0.5, 1.5], [0.03] * 4 + [0.3])[0] - 0.5 < 0.1
+    assert _told([0.52, 0.48, 0.5, 0.49, 0.51], 0.03, own_sd=0.1) == pytest.approx(alike)  # whatever it began with
 
 
 def _ringing(design_Hz: float, plant_Hz: float, delay_s: float) -> float:
@@ -472,6 +477,23 @@ def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
     bumps = [np.abs(sosfiltfilt(band, it.acceleration_m_s2)[8_000:25_000]).max() for it in (plain, again)]
     assert again.added_V[300:1250].all()
     assert bumps[1] < bumps[0] / 2, bumps
+
+
+def _numbers(count: int, first: int) -> Any:
+    """A leg of a platform after so many ticks, one window in its fit that begins at tick `first`."""
+    state = Adaptive().start(Context(mobility=(1.0, 0.1), leg=0 if count > 900 else 1)).numbers
+    state.past.ticks, state.fit["count"], state.known.valid = count, 1, 1
+    state.windows[0].first, state.windows[0].tells = first, 1
+    return state
+
+
+def test_a_leg_that_began_later_hears_of_its_own_moments() -> None:
+    """A leg that began anew 700 ticks later than another one takes that one's friction of the same moments."""
+    one, later = _numbers(1000, 850), _numbers(300, 160)
+    one.windows[0].friction_N[:] = np.arange(fit.WINDOW)
+    estimator.hear_windows(later, one)
+    assert later.windows[0].fitted[:, 0].tolist() == [1] * (fit.WINDOW - 10) + [0] * 10
+    assert later.windows[0].others_N[: fit.WINDOW - 10, 0].tolist() == list(range(10, fit.WINDOW))
 
 
 def test_start_parameters_of_a_leg_that_was_not_known_wait(compensated) -> None:
