@@ -19,29 +19,11 @@ from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.simulation import simulate
 
 RUNG_V = 1e-9  # what rounding may make of volts in six seconds; a count of a transducer moves them by 1e-4
-LOST = {"kind": "position_sensor", "leg": 1, "time_s": 5.5}
+LOST = {"kind": "position_sensor", "leg": 1, "time_s": 1.8}
 
 
 def short(seconds: float):
     return replace(load_scenario("heave"), duration_s=seconds)
-
-
-def test_legs_together_are_legs_one_by_one(hexapod, monkeypatch, tmp_path):
-    """Six seconds of six legs that are compensated, at last without a position sensor, and two that start with what these have learned:
-    every column of the log and what was learned are equal to the bit."""
-    scenario = replace(short(6.0), faults=(LOST,))
-    together = simulate(hexapod, scenario, compensator="adaptive", fast=True)
-    learned = tmp_path / "compensator.json"
-    learned.write_text(json.dumps({"compensator": "adaptive", "legs": together.compensator_parameters}))
-    restart = replace(short(2.0), faults=({**LOST, "time_s": 1.8},))
-    again = simulate(hexapod, restart, compensator=str(learned), fast=True)
-    monkeypatch.setattr(guard, "stepper", legs.OneByOne)
-    apart = simulate(hexapod, scenario, compensator="adaptive", fast=True)
-    assert again.log.equals(simulate(hexapod, restart, compensator=str(learned), fast=True).log)
-    assert again.log["compensation_1_V"].to_numpy().any()
-    assert together.log.equals(apart.log)
-    assert together.compensator_parameters == apart.compensator_parameters
-    assert together.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy().any(axis=0).all()
 
 
 class Watching:
@@ -49,6 +31,39 @@ class Watching:
 
     def before_step(self, time_s, plant, volts):
         return volts
+
+
+@pytest.fixture(scope="module")
+def python_ticks():
+    """What a machine does in heave with Python at every control tick, made once for a machine, an algorithm and a time."""
+    runs = {}
+
+    def of(machine: str, name: str, seconds: float):
+        key = machine, name, seconds
+        if key not in runs:
+            runs[key] = simulate(
+                load_machine(machine), short(seconds), compensator=name, fast=True, interventions=[Watching()]
+            )
+        return runs[key]
+
+    return of
+
+
+def test_legs_together_are_legs_one_by_one(hexapod, monkeypatch, tmp_path, python_ticks):
+    """Six seconds of six legs that are compensated, and two that start with what these have learned, at last without a position sensor:
+    every column of the log and what was learned are equal to the bit."""
+    together = python_ticks("micro_motion_system", "adaptive", 6.0)
+    learned = tmp_path / "compensator.json"
+    learned.write_text(json.dumps({"compensator": "adaptive", "legs": together.compensator_parameters}))
+    restart = replace(short(2.0), faults=(LOST,))
+    again = simulate(hexapod, restart, compensator=str(learned), fast=True)
+    monkeypatch.setattr(guard, "stepper", legs.OneByOne)
+    apart = simulate(hexapod, short(6.0), compensator="adaptive", fast=True, interventions=[Watching()])
+    assert again.log.equals(simulate(hexapod, restart, compensator=str(learned), fast=True).log)
+    assert again.log["compensation_1_V"].to_numpy().any()
+    assert together.log.equals(apart.log)
+    assert together.compensator_parameters == apart.compensator_parameters
+    assert together.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy().any(axis=0).all()
 
 
 @pytest.mark.parametrize(
@@ -62,13 +77,12 @@ class Watching:
         ("servo_hexapod", "exact", 4.0),
     ],
 )
-def test_compiled_control_ticks_are_python_s(monkeypatch, legs, name, seconds):
+def test_compiled_control_ticks_are_python_s(python_ticks, monkeypatch, legs, name, seconds):
     """Compensated without Python, and again with Python at every tick: the volts and what was learned are equal to rounding, on one leg,
     on six, and on six with a chamber on either side."""
-    machine = load_machine(legs)
-    with_python = simulate(machine, short(seconds), compensator=name, fast=True, interventions=[Watching()])
+    with_python = python_ticks(legs, name, seconds)
     monkeypatch.setattr(PositionLoop, "tick", None)
-    without = simulate(machine, short(seconds), compensator=name, fast=True)
+    without = simulate(load_machine(legs), short(seconds), compensator=name, fast=True)
     volts = [one.log.select(pl.col("^compensation(_\\d)?_V$")).to_numpy() for one in (without, with_python)]
     assert np.abs(volts[0]).max(axis=0).min() > 0.0
     assert np.abs(volts[0] - volts[1]).max() < RUNG_V
