@@ -117,6 +117,7 @@ def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
     assert after < 1.3 * NOISE
 
 
+@pytest.mark.slow  # the search names nothing where nothing lacks in inference/test_one_inference.py
 def test_nothing_is_named_where_nothing_lacks(clean):
     """On the tank as declared no effect of the library is named."""
     trace = own_trace.trace_own(own_folder.load_simulated(clean))
