@@ -213,7 +213,7 @@ def test_trace_takes_a_mapping_from_anywhere(tmp_path):
     (machine / "machine.toml").write_text((source / "machine.toml").read_text())
     names = {"position_m": "Istweg", "setpoint_m": "Sollweg", "valve_V": "Ventil"}
     for name in ("fit", "validate"):
-        pl.read_csv(source / f"{name}.csv.gz").rename(names).head(4000).write_csv(machine / f"{name}.csv")
+        pl.read_csv(source / f"{name}.csv.gz").rename(names).head(2500).write_csv(machine / f"{name}.csv")
     given.write_text("[columns]\n" + "\n".join(f'{ours} = {{from = "{theirs}"}}' for ours, theirs in names.items()))
     arguments = ["trace", str(machine), "--out", str(tmp_path / "out"), "--no-recording"]
     refused = CliRunner().invoke(app, arguments)

@@ -4,9 +4,12 @@ import runpy
 import sys
 from pathlib import Path
 
+import pytest
+
 EXAMPLE = Path(__file__).parents[1] / "examples" / "report_chapter3.py"
 
 
+@pytest.mark.slow  # the same peaks are in test_report.py
 def test_the_figures_are_drawn_and_the_peaks_stand_beside_the_independent_ones(tmp_path, monkeypatch, capsys):
     """Two pictures a valve, and peaks within 2 % of the independent calculation, warnings being errors."""
     monkeypatch.setattr(sys, "argv", [str(EXAMPLE), "--duration", "9", "--out", str(tmp_path)])

@@ -38,6 +38,7 @@ def experiment():
     return machine, simulate(machine, load_scenario("friction"), seed=3).log.select(MEASURED)
 
 
+@pytest.mark.slow  # test_friction_needs_the_machine_of_the_log has them from a run, test_measurement_chain.py the scope
 @pytest.mark.parametrize("through", ["log", "scope"])
 def test_friction_parameters_come_back(experiment, tmp_path, through):
     """All eight Stribeck parameters within 5 % of those simulated, from the log and from a 16 bit scope."""

@@ -169,9 +169,8 @@ def test_memory_stays_flat_under_a_flood(spread):
         link.close()
 
 
-@pytest.mark.parametrize(
-    ("number", "down_s"), [(signal.SIGINT, 0.0), pytest.param(signal.SIGTERM, 1.5, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow  # in real time; test_identify.py interrupts a machine in lockstep
+@pytest.mark.parametrize(("number", "down_s"), [(signal.SIGINT, 0.0), (signal.SIGTERM, 1.5)])
 def test_the_first_interrupt_lowers_the_machine_and_keeps_what_was_measured(number, down_s, tmp_path):
     """While a motion is driven in real time: the machine is asked to settle at once, the command ends when it is down,
     says so, the broken motion is on disk, and no setpoint left beyond the limits."""

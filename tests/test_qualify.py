@@ -2,13 +2,14 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
+import hexsim as hx
 from hexsim import HexsimError, Scenario, qualification
-from hexsim.machine import load_machine
 from hexsim.mechanics import kinematics
 from hexsim.qualification import measures
 from hexsim.setpoints import signals
@@ -190,13 +191,20 @@ def test_progress_ends_where_it_should() -> None:
     assert len({what for _, what in heard}) == len(heard)
 
 
-def test_the_bench_is_qualified_and_reported(tmp_path) -> None:
-    """hexsim qualify on a bench: report and JSON are there, agree, and every limit names its source."""
+def test_the_bench_is_qualified_and_reported(monkeypatch, tmp_path) -> None:
+    """A bench, quickly: rows and pictures; report and JSON are there, agree, and every limit names its source."""
     heard: list[float] = []
-    result = qualification.qualify(load_machine("bench"), tmp_path, quick=True, progress=heard.append)
-    read = json.loads((tmp_path / "qualify.json").read_text())
-    assert read == json.loads(json.dumps(result))
-    page = (tmp_path / "report.html").read_text()
+    done = hx.qualify("bench", quick=True, progress=heard.append)
+    assert done.rows["test"].n_unique() > 3 and done.passed == done.rows["passed"].drop_nulls().all()
+    assert done.plot()._repr_png_().startswith(b"\x89PNG") and repr(done) in str(hx.qualify.__doc__)
+    assert "<th>limit</th>" in done._repr_html_()
+    monkeypatch.chdir(tmp_path)
+    assert done.to_folder().parent == Path("runs")
+    folder = done.to_folder(tmp_path / "q")
+    assert {path.name for path in folder.iterdir()} == {"qualify.json", "report.html"}
+    read = json.loads((folder / "qualify.json").read_text())
+    assert read == json.loads(json.dumps(done.result))
+    page = (folder / "report.html").read_text()
     assert "Qualification of bench" in page and page.count("data:image/png") >= 5
     judged = [row for row in read["rows"] if row["limit"] is not None]
     assert judged and all(row["source"].startswith(("[S]", "[K]")) for row in judged)

@@ -101,6 +101,7 @@ def test_dead_band_of_the_flow_curve(runs):
     assert np.all(np.sign(flow[np.abs(volts) > 1.001 * dead]) == np.sign(volts[np.abs(volts) > 1.001 * dead]))
 
 
+@pytest.mark.slow  # the chosen step's error is in plant/test_step_error.py
 def test_peak_is_converged_in_step_size(runs):
     """Half the time step changes the peak by less than 0.5 %: the figure is the model's, not the integrator's."""
     scenario = dataclasses.replace(load_scenario("report", duration_s=12.0), figures_from_s=6.0)

@@ -230,6 +230,7 @@ def test_it_says_what_the_compensator_does(tmp_path) -> None:
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["compensation"] == [leg]
 
 
+@pytest.mark.slow  # waits in real time; the cycle of states is below
 def test_the_example_host_drives_the_machine(monkeypatch, capsys) -> None:
     """examples/host.py starts a machine, moves it and settles it."""
     example = Path(__file__).parents[1] / "examples" / "host.py"

@@ -388,24 +388,30 @@ def own(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
-def test_a_worker_that_dies_is_a_row_and_no_end(own, tmp_path):
+DEATHS = {
+    "own_mod:Exits": "SystemExit",
+    "own_mod:Dies": "WorkerDied: .*exit code 0",
+    "own_mod:Killed": "WorkerDied: .*SIGKILL",
+}
+
+
+@pytest.mark.parametrize("dying", [[*DEATHS][-1:], pytest.param([*DEATHS], marks=pytest.mark.slow)])
+def test_a_worker_that_dies_is_a_row_and_no_end(own, tmp_path, dying):
     """sys.exit, os._exit and SIGKILL in a compensator, two processes: each such case is a failed row that says how, all
     others have their figures, and the same call again runs none."""
-    names = ["own_mod:Exits", "own_mod:Dies", "own_mod:Killed", "none"]
+    names = [*dying, "none"]
     table = tmp_path / "t.parquet"
     asked = f"sweep heave -m bench --duration 0.5 --workers 2 --json --out {table} -c {','.join(names)}".split()
-    for now in (4, 0):
+    for now in (len(names), 0):
         done = CliRunner().invoke(app, asked)
         assert done.exit_code == 1, done.output
         assert json.loads(done.stdout)["run_now"] == now
     rows = pl.read_parquet(table)
     assert rows["compensator"].to_list() == names
-    assert rows["complete"].to_list() == [False] * 3 + [True]
-    for error, says in zip(
-        rows["error"], ("SystemExit", "WorkerDied: .*exit code 0", "WorkerDied: .*SIGKILL"), strict=False
-    ):
-        assert re.search(says, error), error
-    assert rows["leg_peak_band_m_s2"].null_count() == 3
+    assert rows["complete"].to_list() == [False] * len(dying) + [True]
+    for name, error in zip(dying, rows["error"], strict=False):
+        assert re.search(DEATHS[name], error), error
+    assert rows["leg_peak_band_m_s2"].null_count() == len(dying)
 
 
 def test_rows_of_other_inputs_are_not_served(own, tmp_path, monkeypatch):

@@ -5,10 +5,10 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from hexsim import HexsimError
+import hexsim as hx
 from hexsim.cli import app
-from hexsim.machine import load_machine
-from hexsim.simulation import make_compensators
+
+BRIEF = {"scenario.duration_s": 0.5, "scenario.fade_s": 0.1}
 
 
 @pytest.fixture(scope="module")
@@ -28,28 +28,30 @@ def test_the_second_reversal_is_compensated(taught) -> None:
 def test_the_file_is_taken_as_a_compensator(taught) -> None:
     """By the name that it teaches, one a leg; a machine with other legs, and files that are none, are refused."""
     path, found = taught
-    name, made = make_compensators(str(path), load_machine("bench"))
-    assert name == found["compensator"] == "adaptive" and len(made) == 1
+    done = hx.run("heave", "bench", str(path), BRIEF)
+    assert done.summary["compensator"] == found["compensator"] == "adaptive" and len(found["legs"]) == 1
     assert json.loads(path.read_text()) == found
-    with pytest.raises(HexsimError, match=r"is for 1 legs; micro_motion_system has 6: tune that machine"):
-        make_compensators(str(path), load_machine("micro_motion_system"))
-    with pytest.raises(HexsimError, match=r"cannot read start parameters .*: make them|; make them with"):
-        make_compensators(str(path.parent / "none.json"), load_machine("bench"))
+    with pytest.raises(hx.HexsimError, match=r"is for 1 legs; micro_motion_system has 6: tune that machine"):
+        hx.run("heave", "micro_motion_system", str(path), BRIEF)
+    with pytest.raises(hx.HexsimError, match=r"cannot read start parameters .*: make them|; make them with"):
+        hx.run("heave", "bench", str(path.parent / "none.json"), BRIEF)
     wrong = path.parent / "wrong.json"
-    wrong.write_text(json.dumps({"compensator": name, "legs": [{}]}))
+    wrong.write_text(json.dumps({"compensator": "adaptive", "legs": [{}]}))
     with pytest.raises(
-        HexsimError, match=rf"wrong\.json, leg 1: start parameters of {name}: .+ is missing; learn them anew"
+        hx.HexsimError, match=r"wrong\.json, leg 1: start parameters of adaptive: .+ is missing; learn them anew"
     ):
-        make_compensators(str(wrong), load_machine("bench"))
+        hx.run("heave", "bench", str(wrong), BRIEF)
 
 
 def test_a_leg_without_start_parameters_stays_under_plain_control(taught) -> None:
-    """null in the place of a leg's parameters: it gets plain control's compensator, the other five the one that starts."""
+    """null in the place of a leg's parameters: nothing is added to it, and the other five start with what a bench has learned."""
     path, found = taught
     partly = path.parent / "partly.json"
     partly.write_text(json.dumps({"compensator": "adaptive", "legs": [None, *found["legs"] * 5]}))
-    _, made = make_compensators(str(partly), load_machine("micro_motion_system"))
-    assert [one.name for one in made] == ["none"] + ["adaptive"] * 5
+    done = hx.run("heave", "micro_motion_system", str(partly), BRIEF)
+    assert [leg["reason"] for leg in done.summary["compensation"]] == ["plain control was asked for", *[""] * 5]
+    added = done.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy().any(axis=0)
+    assert added.tolist() == [False, *[True] * 5]
 
 
 def test_an_algorithm_that_learns_nothing_is_refused(tmp_path) -> None:

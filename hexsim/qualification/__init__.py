@@ -41,26 +41,8 @@ __all__ = [
     "Row",
     "judged",
     "measure",
-    "qualify",
     "write_qualification",
 ]
-
-
-def qualify(
-    machine: Machine | str | Path,
-    out: str | Path,
-    quick: bool = False,
-    progress: Callable[[float], None] | None = None,
-    compensator: str | Compensator = "none",
-) -> dict[str, Any]:
-    """Run all motion tests and write report.html and qualify.json into the folder `out`; returns what the JSON holds.
-
-    quick: fewer, shorter motions (under a minute). progress(fraction).
-    Raises HexsimError where the machine cannot do a motion or `out` cannot be written.
-    """
-    result, found = judged(machine, quick, progress, compensator)
-    write_qualification(result, found, machine, out)
-    return result
 
 
 def judged(

@@ -15,15 +15,15 @@ from hexsim.machine.files import changed
 from hexsim.simulation import simulate
 
 LEGS = {
-    "backlash of 30 mV": PairLeg(backlash_V=0.03),
     "underlap of 5 um": PairLeg(overlap_m=-5e-6),
+    "backlash of 30 mV": PairLeg(backlash_V=0.03),
     "valve 4 ms late": PairLeg(valve_delay_s=4e-3),
     "overlap of 20 um": PairLeg(overlap_m=2e-5),
     "backlash, 500 kg": PairLeg(mass_kg=500.0, backlash_V=0.03),
     "underlap of 10 um": PairLeg(overlap_m=-1e-5),
     "valve 6 ms late": PairLeg(valve_delay_s=6e-3),
 }
-DAILY = 2
+DAILY = 1
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from leg_plant import run
 
 import compensation
+import hexsim as hx
 from compensation import (
     Compensator,
     Context,
@@ -25,11 +26,9 @@ from compensation import (
     started,
     volts_bound,
 )
-from hexsim import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer import compensator_packet
 from hexsim.motion_computer.data_sheet import compensator_context
-from hexsim.simulation import make_compensators
 from hexsim.simulation.asked_compensators import AskedCompensators
 
 CONTEXT = Context(edge_V=0.07, spool_frequency_Hz=60.0)
@@ -115,15 +114,16 @@ def test_files_and_packets_go_through_it(learned, tmp_path) -> None:
     machine, algorithm = load_machine("bench"), "adaptive"
     path = tmp_path / "compensator.json"
     path.write_text(json.dumps({"compensator": algorithm, "legs": [learned]}))
-    assert make_compensators(str(path), machine)[0] == algorithm
+    brief = {"scenario.duration_s": 0.2, "scenario.fade_s": 0.1}
+    assert hx.run("heave", "bench", str(path), brief).summary["compensator"] == algorithm
     for place in (("numbers", "zeta"), ("noise", 1)):
         for odd in (None, math.nan, -1e308):
             bad = with_value(learned, place, odd)
             path.write_text(json.dumps({"compensator": algorithm, "legs": [bad]}))
             name = next(key for key in reversed(place) if isinstance(key, str))
-            with pytest.raises(HexsimError, match=f"leg 1.*{name}"):
-                make_compensators(str(path), machine)
-            with pytest.raises(HexsimError, match=f"leg 1.*{name}"):
+            with pytest.raises(hx.HexsimError, match=f"leg 1.*{name}"):
+                hx.run("heave", "bench", str(path), brief)
+            with pytest.raises(hx.HexsimError, match=f"leg 1.*{name}"):
                 AskedCompensators(machine).take(
                     compensator_packet.AskedCompensator(leg=1, n_legs=1, name=algorithm, parameters=bad)
                 )
@@ -248,7 +248,7 @@ NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 @given(data=st.data())
 def test_any_start_parameters_and_any_samples_leave_bounded_volts(learned, data) -> None:

@@ -181,7 +181,7 @@ def test_ten_minutes_of_software_in_the_loop(machine, seconds, request, exported
 ZIG = [sys.executable, "-m", "ziglang", "cc"]
 
 
-@pytest.mark.parametrize("compiler", [["gcc"], ZIG])
+@pytest.mark.parametrize("compiler", [ZIG, pytest.param(["gcc"], marks=pytest.mark.slow)])
 def test_the_example_compiles_and_compensates(compiler, exported, tmp_path):
     """main.c in strict C99 with the object file, no warning: finds the dead band of its plant within 2 mV, leaves less than a third
     of plain control's bump, and says how long its functions take."""

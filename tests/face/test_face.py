@@ -2,7 +2,6 @@
 
 import ast
 import doctest
-import os
 import subprocess
 import sys
 from importlib import import_module
@@ -202,17 +201,6 @@ def test_a_picture_that_is_not_there_is_named(heave, both):
         both.plot("z")
     with pytest.raises(hx.HexsimError, match="needs a log of 100 rows"):
         hx.run("heave", "bench", set={"scenario.duration_s": 0.05}).plot()
-
-
-def test_a_qualification_is_that_of_the_command(monkeypatch, tmp_path):
-    """Rows, pictures and files of the quick battery on a bench."""
-    done = hx.qualify("bench", quick=True)
-    assert done.rows["test"].n_unique() > 3 and done.passed == done.rows["passed"].drop_nulls().all()
-    assert done.plot()._repr_png_().startswith(b"\x89PNG") and repr(done) in str(hx.qualify.__doc__)
-    assert "<th>limit</th>" in done._repr_html_()
-    assert {path.name for path in done.to_folder(tmp_path / "q").iterdir()} == {"qualify.json", "report.html"}
-    monkeypatch.chdir(tmp_path)
-    assert done.to_folder().parent == Path("runs") and os.path.isdir("runs")
 
 
 def test_an_identification_is_its_story(monkeypatch, tmp_path):

@@ -20,16 +20,17 @@ from hexsim.cli import app
 
 LONGEST = timedelta(seconds=10)
 MOST_BYTES = 2 << 30
-MORE = pytest.mark.parametrize("examples", [20, pytest.param(1000, marks=pytest.mark.slow)])
+DAILY = 10
+MORE = pytest.mark.parametrize("examples", [DAILY, pytest.param(1000, marks=pytest.mark.slow)])
 
 
 def fuzz(strategy: SearchStrategy, claim: Callable[[Any], None], examples: int) -> None:
-    """Hold the claim against examples: the same 20 each time in CI; other ones each time in the slow part, which prints
+    """Hold the claim against examples: the same ten each time in CI; other ones each time in the slow part, which prints
     how to repeat the one that failed."""
     quiet = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example]
     chosen = settings(
         max_examples=examples,
-        derandomize=examples == 20,
+        derandomize=examples == DAILY,
         database=None,
         deadline=LONGEST,
         print_blob=True,

@@ -17,6 +17,7 @@ def example():
     return runpy.run_path(str(EXAMPLE))
 
 
+@pytest.mark.slow  # test_gym.py pays a policy more than plain control
 def test_the_kept_policy_beats_plain_control(example):
     """On three machines that nothing was learned from, at half a hertz: reward above, peak below 0.7 of plain control's, each."""
     gains = np.array(json.loads(example["KEPT"].read_text())["gains"])

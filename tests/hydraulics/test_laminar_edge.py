@@ -124,6 +124,7 @@ def test_temperature_moves_the_raw_bump(runs, reynolds, ratio):
     assert warm / cold == pytest.approx(ratio, rel=0.025)
 
 
+@pytest.mark.slow  # two rides of ten minutes; the equations that it rests on are held above
 def test_the_ride_warms_its_oil_and_its_bump_grows():
     """Scenario `warm_up`: 15 to 60 degC within 2 K, never cooler; its edges' bump in 50 Hz is larger in the last tenth than in the
     first, and larger than density and friction make it (turbulent edges)."""

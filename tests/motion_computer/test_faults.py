@@ -46,7 +46,6 @@ def result(fault: dict, **options) -> Outcome:
 IN_CI = (
     "valve_stuck open",
     "position_sensor frozen",
-    "hose_burst",
     "power_loss",
 )
 
@@ -74,8 +73,8 @@ def test_a_fault_is_detected_and_the_platform_comes_down(fault, detection_s, pea
 
 def test_a_shifted_payload_is_found_from_the_pressures() -> None:
     """150 kg that slide by 0.4 m move the centre by 100 mm: found within 3 s; 15 kg move it by 10 mm: not found."""
-    heavy = result(dict(kind="payload_shift", mass_kg=150.0, x_m=0.4))
-    light = result(dict(kind="payload_shift", mass_kg=15.0, x_m=0.4))
+    brief = dataclasses.replace(HEAVE, duration_s=TIME_s + 3.2)
+    heavy, light = (result(dict(kind="payload_shift", mass_kg=kg, x_m=0.4), scenario=brief) for kg in (150.0, 15.0))
     assert heavy.detected_s is not None and 0.1 < heavy.detected_s < 3.0
     assert "load shifted" in heavy.description
     assert light.detected_s is None and light.state == "manual"
@@ -98,7 +97,9 @@ def pulses(tmp_path_factory):
     return load_scenario(str(path))
 
 
-@pytest.mark.parametrize(("more_kg", "found"), [(50.0, False), (75.0, True), (-75.0, True)])
+@pytest.mark.parametrize(
+    ("more_kg", "found"), [(50.0, False), (-75.0, True), pytest.param(75.0, True, marks=pytest.mark.slow)]
+)
 def test_a_load_shifts_and_its_motion_does_not(pulses, more_kg, found) -> None:
     """Accelerating down asks less of the legs, and friction up more: no load has shifted. 10 % of the weight are 61 kg
     (platform 600 kg, of the legs 11): 75 kg more or less are found in the same motion within 3 s, 50 kg are not."""
@@ -114,9 +115,8 @@ def test_a_load_shifts_and_its_motion_does_not(pulses, more_kg, found) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "combined",
         "multisine",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("heave", "roll", "yaw", "sweep")),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("combined", "heave", "roll", "yaw", "sweep")),
     ],
 )
 def test_a_sound_machine_raises_no_error(name: str) -> None:

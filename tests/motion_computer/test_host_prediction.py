@@ -43,7 +43,9 @@ def heave(time):
     return out
 
 
-@pytest.mark.parametrize(("rate_Hz", "buffer_s"), [(500.0, 0.0), (60.0, 0.0), (60.0, 0.02)])
+@pytest.mark.parametrize(
+    ("rate_Hz", "buffer_s"), [pytest.param(500.0, 0.0, marks=pytest.mark.slow), (60.0, 0.0), (60.0, 0.02)]
+)
 def test_setpoints_ahead_of_the_packets_follow_the_host(rate_Hz: float, buffer_s: float) -> None:
     """Irregular motion, packets late by a fifth of a period and 2 % lost, 28 ms ahead: within 0.8 mm of the host's own
     motion `buffer_s` ago, and its acceleration within 0.03 m/s2 rms."""

@@ -60,7 +60,8 @@ def test_every_fault_ends_softly_with_a_manifold(fault):
     assert max(found.final_m) < MACHINE.cylinder.cushion_length_m
 
 
-@pytest.mark.parametrize("at", [pytest.param(-10.0, marks=pytest.mark.slow), "shut"])
+@pytest.mark.slow  # the hardest faults at the declared supply are above
+@pytest.mark.parametrize("at", [-10.0, "shut"])
 def test_a_lower_supply_bounds_the_peak_on_the_way_up(at):
     """At 57 bar, below what docs/manifold.md derives (57.7), a chamber that falls to tank pressure while the platform rises
     fast ends below 0.8 g and at rest within 6 s."""

@@ -43,7 +43,7 @@ steps = 1
 OUTLET, INLET, WEIR, TOP, NOISE = 0.08, 1.0, 0.5, 1.2, 3e-3
 
 
-def tank_run(seed: int, weir: float, n: int = 900) -> pl.DataFrame:
+def tank_run(seed: int, weir: float, n: int = 600) -> pl.DataFrame:
     """A tank written apart: midpoint steps of 0.1 s, its own noise; the inflow goes straight from sample to sample."""
     rng = np.random.default_rng(seed)
     inflow = np.repeat(rng.uniform(0.02, 0.15, n // 50), 50)
@@ -117,6 +117,7 @@ def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
     assert after < 1.3 * NOISE
 
 
+@pytest.mark.slow  # the search names nothing where nothing lacks in inference/test_one_inference.py
 def test_nothing_is_named_where_nothing_lacks(clean):
     """On the tank as declared no effect of the library is named."""
     trace = own_trace.trace_own(own_folder.load_simulated(clean))

@@ -1,5 +1,6 @@
 """Names of machines of one's own: a form is proven against free forms, a memory against all memories."""
 
+import json
 import tomllib
 from types import SimpleNamespace
 from typing import Any
@@ -7,7 +8,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from typer.testing import CliRunner
 
+from hexsim.cli import app
 from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
 from hexsim.own import effects, folder
@@ -15,7 +18,6 @@ from hexsim.own import trace as own_trace
 from hexsim.own.declaration import ModelTables
 from hexsim.own.forms import forms
 from hexsim.own.sizes import waves
-from hexsim.own.trace_files import trace_simulated
 
 DRIVE = """
 [runs]
@@ -92,8 +94,9 @@ def test_damping_over_place_is_no_friction(tmp_path):
 def test_damping_over_place_gets_its_formula(tmp_path):
     """The formula x^2 v is stated with its coefficient; its file, put to the machine's, is an effect that is named."""
     machine(tmp_path, place_damping=4.0)
-    trace, report = trace_simulated(tmp_path, out=tmp_path / "out")
-    assert "formula beyond the library: x**2 * v in v" in trace.verdict
+    assert CliRunner().invoke(app, ["trace", str(tmp_path), "--out", str(tmp_path / "out")]).exit_code == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert "formula beyond the library: x**2 * v in v" in report["verdict"]
     [own] = [one for one in report["candidates"] if one["verdict"] == "formula"]
     number = own["numbers"]["form_amount_v"]
     assert number["value"] == pytest.approx(4.0, abs=4 * number["standard_error"])

@@ -368,7 +368,7 @@ def values_seen(log) -> np.ndarray:
     return np.concatenate([log.time, *(log.columns[name] for name in sorted(log.columns))])
 
 
-@pytest.mark.parametrize("count", [100, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [50, pytest.param(1000, marks=pytest.mark.slow)])
 def test_mutated_files_never_fail_silently(tmp_path, count):
     """Each mutated file is refused in one sentence, or read with a stated loss or finding, or equals the original.
 

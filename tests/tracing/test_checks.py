@@ -152,6 +152,7 @@ def test_legs_that_are_swapped_in_all_their_columns_are_refused(hexapod):
     assert any("legs 1 and 4 look swapped" in says for says in found)
 
 
+@pytest.mark.slow  # legs that are swapped, and clean ones, are below and above
 def test_one_late_leg_is_no_other_geometry(tmp_path):
     """The position of leg 3 behind a lag of 4 ms, in pure roll at 100 Hz: it spoils the axes that hardly move (yaw correlates
     by 0.8) and not the roll itself. Such a log was refused as of another geometry; with two legs exchanged it is."""

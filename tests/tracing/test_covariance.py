@@ -53,13 +53,12 @@ def test_no_error_is_less_than_that_of_white_noise():
     assert np.diag(found) == pytest.approx(np.diag(covariance.inverse(A)), rel=1e-9)
 
 
-def test_columns_in_parts_and_blocks_give_the_normal_equations_of_the_whole(monkeypatch):
+def test_columns_in_parts_and_blocks_give_the_normal_equations_of_the_whole():
     """Parts of a log's columns, taken block by block as of a long log, sum to X'X and X'r of all in one: to rounding, 1e-12."""
     rng = np.random.default_rng(3)
     X, r = rng.standard_normal((5, 3, 1000)), rng.standard_normal((3, 1000))
     flat = X.reshape(5, -1)
-    monkeypatch.setattr(normal, "AT_ONCE", 300)
-    A, b = normal.normal_equations([(X[:3], X[3:])], [r])
+    A, b = normal.normal_equations([(X[:3], X[3:])], [r], at_once=300)
     assert pytest.approx(flat @ flat.T, rel=1e-12, abs=1e-12 * flat.size) == A
     assert b == pytest.approx(flat @ r.ravel(), rel=1e-12, abs=1e-12 * flat.size)
 

@@ -40,6 +40,7 @@ def constant(tmp_path_factory):
     return plant, machine, identify_friction(readers.read_log(folder / "constant.parquet"), machine)
 
 
+@pytest.mark.slow  # test_friction_needs_the_machine_of_the_log
 def test_constant_velocities_give_the_stribeck_parameters_back(constant):
     """All eight parameters within 5 % of those that made the data (an independent plant, sensor noise)."""
     plant, _, result = constant

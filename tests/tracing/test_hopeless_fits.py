@@ -62,6 +62,7 @@ def worth(fit, promise: float) -> bool:
     return hypotheses.may_come_near(fit, rules.NEAR * promise, 1.0)
 
 
+@pytest.mark.slow  # test_what_is_needed_stays_and_what_is_not_goes reaches it too
 def test_a_fit_that_reaches_the_noise_is_the_same_with_the_rule(opening):
     """The leak that is there, begun at half its typical size: at the noise, its number within half a standard error."""
     begun = hypothesis("leakage_supply_to_chamber", opening)

@@ -299,6 +299,7 @@ def test_what_the_logs_show_is_nothing_that_an_error_hangs_on(late):
         assert columns.hangs_on(now, dataclasses.replace(fit, covariance=together), [own]) == (said,)
 
 
+@pytest.mark.slow  # the trace before it takes ten seconds; test_a_hypothesis_is_not_apart_from_itself
 def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
     """As it would be measured, without its rest, every row of the best hypothesis is 0, and a copy is not apart from it. 1e-9 of
     the noise: the rest is taken at all samples and asked for at some, two orders of one sum."""
@@ -314,6 +315,7 @@ def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
     assert twice.promise(log).separations["one", "other"] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow  # the same trace
 def test_a_motion_into_a_cushion_is_not_asked_for(late):
     """Setpoints inside the stroke promise something; the same, stretched until the piston comes into a cushion, promise nothing."""
     asked = what_is_open(late)

@@ -139,6 +139,7 @@ def test_beside_a_delay_every_term_has_the_sign_that_physics_allows(winch):
     assert held[[0, 2]] == pytest.approx(term_selection.solve(balance, runs, (terms["rope_N"],)), rel=1e-6)
 
 
+@pytest.mark.slow  # three traces; the delay of the winch is above
 def test_a_delay_that_a_candidate_does_as_well_stays_where_correlation_put_it(tmp_path):
     """A candidate in the rate of the speed that the flow follows is a delay to first order: no run tells them apart, and
     correlation's delay, within 0.5 ms of the true one, is kept and said without an error."""

@@ -10,7 +10,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals.log import Log
 from hexsim.tracing.problems import problem
-from hexsim.tracing.simulation import closed_loop, rig, simulator
+from hexsim.tracing.simulation import rig, simulator
 
 
 @pytest.fixture(autouse=True)
@@ -76,7 +76,7 @@ def test_the_answer_of_a_machine_to_a_log_is_simulated_once(monkeypatch):
     """Asked again, the same bits without a simulation, in arrays that nobody can change; another number, start or log gives
     another answer."""
     calls = []
-    answer = closed_loop.answer
+    answer = simulator.loop.answer
     monkeypatch.setattr(simulator.loop, "answer", lambda *given: calls.append(1) or answer(*given))
     t = np.arange(1000) / 1000.0
     setpoint = 0.1 + 0.01 * np.sin(2 * np.pi * t)[None]

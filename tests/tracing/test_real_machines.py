@@ -159,6 +159,7 @@ def test_power_take_off_has_a_relief_valve_and_oil_that_compresses(tmp_path, rig
     assert len(doubted) == (0 if right else 1)
 
 
+@pytest.mark.slow  # the hysteresis of a valve's log is in hydraulics/test_measured_valve.py
 @valve_logs
 def test_servo_valve():
     """Hysteresis apart from the meter's lag, a null leakage peak that the clearance model explains on held-out blocks."""

@@ -18,10 +18,10 @@ PRESSURES = ("pressure_bottom_Pa", "pressure_supply_Pa")
 
 
 def held(folder: Path, columns: tuple[str, ...], rate_Hz: float, every: int) -> None:
-    """The bench in which nothing is missing, some of its columns sampled at a rate and repeated, in every so many rows."""
+    """10 s of the bench in which nothing is missing, some of its columns sampled at a rate and repeated, in every so many rows."""
     folder.joinpath("machine.toml").write_bytes((DATA / "bench_none" / "machine.toml").read_bytes())
     for name in ("fit", "validate"):
-        table = pl.read_csv(DATA / "bench_none" / f"{name}.csv.gz")
+        table = pl.read_csv(DATA / "bench_none" / f"{name}.csv.gz").head(10_000)
         tick = np.floor(table["time_s"].to_numpy() * rate_Hz + 1e-6)
         first = np.concatenate([[0], np.flatnonzero(np.diff(tick)) + 1])
         rows = first[np.searchsorted(first, np.arange(len(tick)), side="right") - 1]
@@ -31,7 +31,12 @@ def held(folder: Path, columns: tuple[str, ...], rate_Hz: float, every: int) -> 
 
 @pytest.mark.parametrize(
     "columns, rate_Hz, every",
-    [(PRESSURES, 200.0, 2), (PRESSURES, 200.0, 1), (("position_m",), 250.0, 1), (("acceleration_m_s2",), 1e3 / 3.0, 1)],
+    [
+        (PRESSURES, 200.0, 2),
+        pytest.param(PRESSURES, 200.0, 1, marks=pytest.mark.slow),
+        (("position_m",), 250.0, 1),
+        (("acceleration_m_s2",), 1e3 / 3.0, 1),
+    ],
 )
 def test_nothing_is_missing_where_a_channel_is_held(tmp_path, columns, rate_Hz, every):
     """Pressures at 200 Hz in rows of 500 or 1000, a position at 250, an accelerometer at 333: all balances hold, and the refitted

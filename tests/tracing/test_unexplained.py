@@ -26,7 +26,7 @@ from hexsim.tracing.steps.residuals import unexplained_residuals
         pytest.param("controller_jitter", "valve", "valve_V", "late", marks=pytest.mark.slow),
         pytest.param("friction_memory", "force", "velocity_m_s", "memory", marks=pytest.mark.slow),
         pytest.param("sliding_payload", "force", "acceleration_m_s2", "size", marks=pytest.mark.slow),
-        ("flow_gain_of_position", "continuity", "position_m", "product"),
+        pytest.param("flow_gain_of_position", "continuity", "position_m", "product", marks=pytest.mark.slow),
     ],
 )
 def test_what_a_rest_depends_on(tmp_path, monkeypatch, effect, balance, signal, form):

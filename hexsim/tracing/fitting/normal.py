@@ -12,7 +12,6 @@ from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
 Columns = Sequence[Array]  # of one log, in parts (k_i, n_channels, n): of declared parameters, of effects
-AT_ONCE = 65_536  # samples of a log whose columns are laid side by side at once
 
 
 def rows_of(parts: Columns, samples: slice) -> Array:
@@ -27,13 +26,16 @@ def flat(columns: Sequence[Array]) -> Array:
     return np.concatenate([c.reshape(c.shape[0], -1) for c in columns], axis=1)
 
 
-def normal_equations(columns: Sequence[Columns], misfit: Sequence[Array]) -> tuple[Array, Array]:
-    """A = X'X and b = X'r over all logs and channels. columns: a log, in parts; misfit: a log (n_channels, n)."""
+def normal_equations(columns: Sequence[Columns], misfit: Sequence[Array], at_once: int = 65_536) -> tuple[Array, Array]:
+    """A = X'X and b = X'r over all logs and channels. columns: a log, in parts; misfit: a log (n_channels, n).
+
+    at_once: samples whose columns are laid side by side, for memory.
+    """
     k = sum(len(part) for part in columns[0])
     A, b = np.zeros((k, k)), np.zeros(k)
     for parts, r in zip(columns, misfit, strict=True):
-        for first in range(0, r.shape[1], AT_ONCE):
-            samples = slice(first, first + AT_ONCE)
+        for first in range(0, r.shape[1], at_once):
+            samples = slice(first, first + at_once)
             X = rows_of(parts, samples)
             A += X @ X.T
             b += X @ r[:, samples].ravel()

@@ -18,7 +18,6 @@ from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_v
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
-BATCH = 8  # variants simulated at once: memory
 SCREEN_STEP = 0.1  # size of the trial effect, in typical sizes
 
 
@@ -50,14 +49,15 @@ def columns_of(
     problem: FitProblem,
     tick: Callable[[int], None] = lambda n: None,
     share: float = 1.0,
+    at_once: int = 8,
 ) -> list[list[Array]]:
     """d answer / d size of each candidate about the fit: a list over candidates of a list over logs.
 
-    share: of the trial size, for a column at the point and not across it.
+    share: of the trial size, for a column at the point and not across it. at_once: variants that are simulated together, for memory.
     """
     found: list[list[Array]] = []
-    for first in range(0, len(candidates), BATCH):
-        batch = candidates[first : first + BATCH]
+    for first in range(0, len(candidates), at_once):
+        batch = candidates[first : first + at_once]
         machines, sizes = [], []
         for candidate in batch:
             size = share * trial_size(candidate)

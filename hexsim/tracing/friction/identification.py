@@ -33,7 +33,6 @@ from hexsim.tracing.friction.stribeck import KEYS, curve, row_with
 from hexsim.tracing.leg_loads import leg_loads
 
 Array = np.ndarray
-SLOW = 4.0  # samples slower than this many sharpness widths are left out (there noise of v bends the curve)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,8 +144,10 @@ def force_data(log: Log, machine: Machine, leg: int) -> ForceData:
     )  # fmt: skip
 
 
-def identify_friction(log: Log, machine: Machine, leg: int = 1) -> FrictionResult:
+def identify_friction(log: Log, machine: Machine, leg: int = 1, least_widths: float = 4.0) -> FrictionResult:
     """Stribeck parameters of a leg (1-based) from one log: constant velocities, sines, or any motion.
+
+    least_widths: of friction's sharpness; slower samples are left out, for there noise of v bends the curve.
 
     Raises HexsimError when a channel is missing or a direction was hardly visited.
     """
@@ -156,7 +157,7 @@ def identify_friction(log: Log, machine: Machine, leg: int = 1) -> FrictionResul
         raise HexsimError(f"leg {leg} does not exist: {machine.name} has legs 1 to {machine.n_legs}")
     data = force_data(log, machine, leg)
     look = Window(log.rate, max(SHORT_S, 3.0 / log.rate))
-    slow = SLOW * max(machine.legs[leg - 1].friction.sharpness_m_s, 1e-4)
+    slow = least_widths * max(machine.legs[leg - 1].friction.sharpness_m_s, 1e-4)
     step = max(1, look.half)
     keep = np.zeros(len(data.v), dtype=bool)
     keep[look.half + round(0.05 * log.rate) : len(keep) - look.half - round(0.05 * log.rate) : step] = True
