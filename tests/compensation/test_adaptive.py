@@ -498,6 +498,20 @@ def test_a_leg_that_began_later_hears_of_its_own_moments() -> None:
     assert later.windows[0].others_N[: fit.WINDOW - 10, 0].tolist() == list(range(10, fit.WINDOW))
 
 
+def test_a_legs_friction_is_sure_when_both_fits_have_settled() -> None:
+    """The load that another leg's friction of 100 N makes, of a leg that moves on, is doubted by 2 % once its fit and this one's have
+    settled, and ten times as much while one of them has not."""
+    state, doubts = _numbers(1000, 850), []
+    state.past.noise_Pa, state.mobility[1] = 0.0, 0.1
+    state.others[1, [model.COULOMB_UP, model.COULOMB_DN]] = 100.0
+    state.windows[0].speeds_m_s[:, 1] = 0.1
+    for known, heard in ((1, estimator.SETTLED), (1, 1), (0, estimator.SETTLED)):
+        state.fit.was_known, state.heard[1] = known, heard
+        estimator._doubt_loads(state, state.windows[0], 1e-4)
+        doubts.append(float(state.windows[0].doubt_N.max()))
+    assert doubts == pytest.approx([0.2, 2.0, 2.0])
+
+
 def test_start_parameters_of_a_leg_that_was_not_known_wait(compensated) -> None:
     """Start parameters with a misfit of 3, of a run in which the leg was none that the model knows: nothing is added before the leg's
     own motion has said more."""
