@@ -40,7 +40,7 @@ from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, USUAL_SPOOL_HZ
 FADE_TICKS = 12  # 24 ms at 500 Hz
 FROZEN_TICKS = 10  # a reading repeated at least so often, while the setpoint moved, is a dead sensor
 # chance that a sound reading at rest repeats as often: with the readings of six legs at 500 Hz once in some 300 hours at rest. Ten ticks
-# alone did it on 2 of 40,000 readings of a count as large as the noise, and a platform in six axes lost a leg for nothing
+# alone did it on one of 40,000 readings of a count as large as the noise, and a platform in six axes lost a leg for nothing
 FALSE_ALARM = 1e-10
 FROZEN_TRAVEL_M = (
     1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
@@ -282,7 +282,7 @@ def _frozen(reading, value, setpoint_m, coarse_m, moves):
         reading.repeated, reading.setpoint_m = 0, setpoint_m
         return False
     reading.repeated += 1
-    chance = min(reading.count / (math.sqrt(2.0 * math.pi) * reading.noise), 1.0)  # of one repetition, at most
+    chance = reading.count / max(math.sqrt(2.0 * math.pi) * reading.noise, reading.count)  # of one repetition, at most
     needed = 1e-3 if moves else FALSE_ALARM  # of a piston that moves noise is not all that changes a reading
     sure = chance**reading.repeated < needed
     travel_m = FROZEN_TRAVEL_M if sure else coarse_m

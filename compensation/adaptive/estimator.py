@@ -866,9 +866,7 @@ def _settle(s):
     s.known.changed = 1 if fit.throughout > CHANGED_LEG else 0
     if is_known_leg(fit.chi2):
         fit.was_known = 1
-    elif (
-        fit.was_known or fit.restored
-    ) and s.known.changed:  # what it was before, start parameters too, is another leg's
+    elif (fit.was_known or fit.restored) and s.known.changed:  # what it was, or began with, is another leg's
         _forget_folded(fit)
         fill_prior(fit, s.settings, s.past.force_N)
         fit.restored = 0
