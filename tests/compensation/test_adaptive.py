@@ -481,9 +481,9 @@ def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
     assert bumps[1] < bumps[0] / 2, bumps
 
 
-def _numbers(count: int, first: int) -> Any:
-    """A leg of a platform after so many ticks, one window in its fit that begins at tick `first`."""
-    state = Adaptive().start(Context(mobility=(1.0, 0.1), leg=0 if count > 900 else 1)).numbers
+def _numbers(leg: int, count: int, first: int) -> Any:
+    """A leg of a platform of two after so many ticks, one window in its fit that begins at tick `first`."""
+    state = Adaptive().start(Context(mobility=(1.0, 0.1), leg=leg)).numbers
     state.past.ticks, state.fit["count"], state.known.valid = count, 1, 1
     state.windows[0].first, state.windows[0].tells = first, 1
     return state
@@ -491,7 +491,7 @@ def _numbers(count: int, first: int) -> Any:
 
 def test_a_leg_that_began_later_hears_of_its_own_moments() -> None:
     """A leg that began anew 700 ticks later than another one takes that one's friction of the same moments."""
-    one, later = _numbers(1000, 850), _numbers(300, 160)
+    one, later = _numbers(0, 1000, 850), _numbers(1, 300, 160)
     one.windows[0].friction_N[:] = np.arange(fit.WINDOW)
     estimator.hear_windows(later, one)
     assert later.windows[0].fitted[:, 0].tolist() == [1] * (fit.WINDOW - 10) + [0] * 10
@@ -501,7 +501,7 @@ def test_a_leg_that_began_later_hears_of_its_own_moments() -> None:
 def test_a_legs_friction_is_sure_when_both_fits_have_settled() -> None:
     """The load that another leg's friction of 100 N makes, of a leg that moves on, is doubted by 2 % once its fit and this one's have
     settled, and ten times as much while one of them has not."""
-    state, doubts = _numbers(1000, 850), []
+    state, doubts = _numbers(0, 1000, 850), []
     state.past.noise_Pa, state.mobility[1] = 0.0, 0.1
     state.others[1, [model.COULOMB_UP, model.COULOMB_DN]] = 100.0
     state.windows[0].speeds_m_s[:, 1] = 0.1
