@@ -16,6 +16,7 @@ from numba import config, njit, types
 from numba.core.imputils import lower_cast
 
 from .compiled_cache import check_cache, native_function, temporary_cache
+from .linked import linked
 
 SHARED = (
     "compensator",
@@ -53,7 +54,7 @@ def compiled(function: Callable[..., Any], *, forceinline: bool = False) -> Any:
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(**options)(function)
     check_cache(dispatcher, sources_digest())
-    return _shared(dispatcher)
+    return linked(dispatcher, options, _general)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
@@ -64,17 +65,6 @@ def inlined(function: Callable[..., Any]) -> Any:
 def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """A native C function of a signature, cached as `compiled` ones are; it is compiled at once."""
     return lambda function: native_function(signature, function, sources_digest())
-
-
-def _shared(dispatcher: Any) -> Any:
-    """The dispatcher, which compiled callers ask for general types from now on."""
-    specialised = dispatcher.get_call_template
-
-    def get_call_template(args: Any, kws: Any) -> Any:
-        return specialised(tuple(map(_general, args)), {name: _general(kind) for name, kind in kws.items()})
-
-    dispatcher.get_call_template = get_call_template
-    return dispatcher
 
 
 @lower_cast(types.NestedArray, types.Array)

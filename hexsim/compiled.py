@@ -24,6 +24,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, models, register_model
 
 from compensation.compiled_cache import check_cache, native_function, temporary_cache
+from compensation.linked import linked
 
 LOCK = "numba:compiler_lock"
 
@@ -35,14 +36,14 @@ def compiled(function: Callable[..., Any], other_sources: str = "") -> Any:
     """
     is_inlined = function.__module__.startswith("hexsim.hydraulics.")
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_inlined}
-    options["no_cfunc_wrapper"] = True  # C gets callbacks alone; a twelfth of the time to compile
+    options |= {"nogil": True, "no_cfunc_wrapper": True}  # threads run side by side; C gets callbacks alone
     try:
-        dispatcher = njit(nogil=True, **options)(function)  # threads run side by side
+        dispatcher = njit(**options)(function)
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
-        dispatcher = njit(nogil=True, **options)(function)
+        dispatcher = njit(**options)(function)
     check_cache(dispatcher, sources_digest() + other_sources)
-    return dispatcher
+    return linked(dispatcher, options)
 
 
 def compiled_callback(signature: Any, other_sources: str = "") -> Callable[[Callable[..., Any]], Any]:
