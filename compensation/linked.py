@@ -1,9 +1,9 @@
 # pyright: reportPrivateImportUsage=false, reportAttributeAccessIssue=false
 # (numba does not list its own functions)
-"""What compiled functions call is linked into them and has no machine code of its own.
+"""What compiled functions call is linked into them; it is optimised with them, and has no machine code of its own.
 
-Numba makes machine code, and a function for Python, of each function for each signature, and once more of all that it calls. Most
-signatures are asked for by compiled callers alone, which need the linked code alone. Compiling from an empty cache is a third less.
+Numba optimises each function for each signature with all that it calls, and makes machine code of both and a function for Python. Most
+signatures are asked for by compiled callers alone, which do it once more. Without, compiling from nothing takes less than half the time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _FOR_CALLERS: list[bool] = []  # of the functions that are being compiled, each 
 
 
 class Library(JITCodeLibrary):
-    """The code of one function and of all that it calls; machine code, but where compiled callers alone ask for it."""
+    """The code of one function and of what it calls. for_callers: compiled ones alone ask for it, and no machine code is made."""
 
     def __init__(self, codegen: Any, name: str) -> None:
         super().__init__(codegen, name)
@@ -33,10 +33,14 @@ class Library(JITCodeLibrary):
         return self if self.for_callers else self._codegen
 
     def set_env(self, name: str, env: Any) -> None:
-        """Nothing is executed here: the caller's code has the environment."""
+        """Nothing is executed here: the code of the callers has the environment."""
 
     def get_pointer_to_function(self, name: str) -> int:
         return 0 if self.for_callers else super().get_pointer_to_function(name)
+
+    def _optimize_final_module(self) -> None:
+        if not self.for_callers:
+            super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
         if self.for_callers:
