@@ -5,6 +5,7 @@ import re
 import runpy
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,26 @@ def site(tmp_path_factory):
     return out
 
 
+def linked(page: Path) -> Iterator[tuple[str, Path]]:
+    """Links and pictures of a page that stay within the site, outside of code, and the files that they name."""
+    text = re.sub(r"```.*?```|`[^`]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not link.startswith(("http", "mailto:", "#")):
+            yield link, page.parent / link.partition("#")[0]
+
+
+def test_no_page_is_left_out_and_no_link_is_dead():
+    """Every page of docs is in the contents, every file in the contents is there, and every link goes to one that is."""
+    contents = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2].partition("\nmarkdown_ext")[0]
+    named = set(re.findall(r"[\w/]+\.(?:md|ipynb)$", contents, re.MULTILINE))
+    pages = [path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".ipynb")]
+    assert {path.relative_to(ROOT / "docs").as_posix() for path in pages} == named
+    links = [(page.name, link, file) for page in pages if page.suffix == ".md" for link, file in linked(page)]
+    assert len(links) > 100
+    assert not [(page, link) for page, link, file in links if not file.is_file()]
+
+
+@pytest.mark.slow  # pages and links are read off the sources above
 def test_every_page_and_equation_is_there(site):
     """The strict build has a page for every page of docs, and the equations stand on theirs."""
     pages = {p.relative_to(ROOT / "docs").with_suffix(".html") for p in (ROOT / "docs").rglob("*.md")}
@@ -32,6 +53,7 @@ def test_every_page_and_equation_is_there(site):
     assert "Eq. 3.11" in (site / "theory.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_no_page_loads_anything_from_a_network(site):
     """No script, style sheet, picture or frame of any page comes from elsewhere; styles import nothing either."""
     for page in site.rglob("*.html"):

@@ -7,10 +7,20 @@ import venv
 from pathlib import Path
 
 import pytest
+from hatchling.builders.wheel import WheelBuilder
 
 import hexsim as hx
 
 ROOT = Path(__file__).parents[1]
+
+
+def test_the_wheel_has_every_file_of_the_models_and_of_the_packages():
+    """What a build would pack: each file of models, hexsim and compensation, and no test."""
+    packed = {file.distribution_path for file in WheelBuilder(str(ROOT)).recurse_included_files()}
+    for folder, place in (("models", "hexsim/models"), ("hexsim", "hexsim"), ("compensation", "compensation")):
+        files = [path for path in (ROOT / folder).rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+        assert files and not [path for path in files if f"{place}/{path.relative_to(ROOT / folder)}" not in packed]
+    assert not [name for name in packed if name.startswith("tests")]
 
 
 @pytest.fixture(scope="session")
@@ -22,6 +32,7 @@ def distributions(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow  # builds both
 def test_descriptions_are_accepted_by_a_registry(distributions):
     """twine finds no fault with either, warnings counted."""
     files = sorted(distributions.iterdir())
@@ -49,6 +60,7 @@ def installed(distributions, tmp_path_factory):
     return bin_folder
 
 
+@pytest.mark.slow  # makes an environment; what is in the wheel is above
 def test_wheel_carries_the_models(installed, tmp_path):
     """Installed as a wheel, hexsim finds every machine of models in an empty folder, and MuJoCo loads each."""
     code = (
