@@ -10,6 +10,7 @@ from hexsim.cli import app
 from hexsim.demo import acts
 
 
+@pytest.mark.slow  # a machine that becomes another in flight is in test_live.py
 def test_without_a_browser_the_last_act_shows_the_chart_and_says_why(monkeypatch, tmp_path):
     """Where the page cannot be opened, its chart is drawn, and the sentence has the peaks that a run gives: 0.88 m/s2 with
     an overlap of 5 um, 1.22 with 20 (2 %: the live figures are of two periods)."""

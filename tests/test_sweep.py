@@ -309,6 +309,7 @@ def test_workers_end_with_their_sweep(tmp_path):
     assert len(gone) >= 1 and alive == []
 
 
+@pytest.mark.slow  # a real cluster; executors and a scheduler that is not there are in this file
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # sockets of Dask's own shutdown
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # Dask's own use of asyncio and tornado

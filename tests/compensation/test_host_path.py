@@ -13,7 +13,8 @@ from hexsim.machine import load_machine
 from hexsim.simulation import hosted
 
 
-@pytest.mark.parametrize(("buffer_s", "limit"), [(0.0, 0.08), pytest.param(0.02, 0.055, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("buffer_s", "limit"), [(0.0, 0.08), (0.02, 0.055)])
+@pytest.mark.slow  # compensation without a preview is in test_undeclared.py, the host's path in motion_computer/test_host_prediction.py
 def test_a_sine_of_rare_packets_is_compensated(buffer_s: float, limit: float) -> None:
     """60 packets a second, late by a fifth of a period, 2 % lost: the bump of 0.53 m/s2 falls to the limit from 14 s on."""
 

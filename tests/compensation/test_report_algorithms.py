@@ -154,6 +154,7 @@ def test_buffered_is_unmoved_by_velocity_noise(buffered_as_reported) -> None:
     assert noisy[:2] == pytest.approx(clean[:2], rel=0.02)
 
 
+@pytest.mark.slow  # the buffer learns what it is in the tests above
 def test_buffered_follows_an_oil_step_both_ways() -> None:
     """15 degC at 12 s (10 kg/m3 lighter, a third of the viscous friction gone): the corrected form's peak is back
     within 25 s."""

@@ -248,7 +248,7 @@ NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 
 @settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 @given(data=st.data())
 def test_any_start_parameters_and_any_samples_leave_bounded_volts(learned, data) -> None:

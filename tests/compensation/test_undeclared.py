@@ -77,7 +77,7 @@ def filtered() -> Spoil:
     return spoil
 
 
-@pytest.mark.parametrize("noise", [jittering, filtered])
+@pytest.mark.parametrize("noise", [jittering, pytest.param(filtered, marks=pytest.mark.slow)])
 def test_noise_is_what_it_is(noise) -> None:
     """Noise that grows with the speed and noise that is not white are no misfit: the volts come in before the sixth second, and a fifth
     of the bump is left from the twelfth on."""

@@ -159,11 +159,7 @@ def fmus(tmp_path_factory):
     return get
 
 
-BY_CI = (
-    "bench",
-    "power_unit",
-    "full_chosen",
-)  # full legs and tendons, constant steps and chosen ones, with a pump and without
+BY_CI = ("bench", "power_unit")  # full legs and tendons, with a pump and without; chosen steps are in test_systems.py
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,7 @@ def test_acceleration_to_the_left_is_felt_to_the_left() -> None:
     assert felt[1] == pytest.approx(0.6, rel=0.01)
 
 
+@pytest.mark.slow  # the washout that it runs is above
 def test_the_example_runs_end_to_end(tmp_path, monkeypatch, capsys) -> None:
     """Manoeuvre, washout, machine, comparison: what is felt forward follows what was commanded, later by the loop's lag
     1/(Kp Kv) = 0.13 s and some more for the dead band."""

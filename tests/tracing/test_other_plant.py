@@ -92,7 +92,13 @@ def measured_with(kind, effect=None):
     return other_plant.measured(plant, true, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("name", sorted(other_plant.EFFECTS))
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if "bench" in effect.kinds else pytest.param(name, marks=pytest.mark.slow)  # six legs each
+        for name, effect in sorted(other_plant.EFFECTS.items())
+    ],
+)
 def test_every_effect_changes_a_signal_beyond_its_noise(name):
     """At typical strength each effect moves at least one signal by more than a third of its noise (rms)."""
     effect = other_plant.EFFECTS[name]

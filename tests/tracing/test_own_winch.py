@@ -9,6 +9,7 @@ import pytest
 from hexsim.tracing import term_regression, term_selection
 from hexsim.tracing.own.trace import trace_folder
 
+pytestmark = pytest.mark.slow  # test_own_boom.py has a late flow and its losses, test_other_sign.py the signs
 RATE, SECONDS, LATE_S, GEAR = 125.0, 48.0, 0.06, 12.0
 DISPLACEMENT, INERTIA, LEVER = 7.162e-6, 0.9, 0.0167  # m3/rad, kg m2, m
 TORQUE = {"viscous": 1.7, "Coulomb": 9.0, "cold": 5.0, "unbalance sine": 5.4, "unbalance cosine": 3.7}
@@ -139,7 +140,6 @@ def test_beside_a_delay_every_term_has_the_sign_that_physics_allows(winch):
     assert held[[0, 2]] == pytest.approx(term_selection.solve(balance, runs, (terms["rope_N"],)), rel=1e-6)
 
 
-@pytest.mark.slow  # three traces; the delay of the winch is above
 def test_a_delay_that_a_candidate_does_as_well_stays_where_correlation_put_it(tmp_path):
     """A candidate in the rate of the speed that the flow follows is a delay to first order: no run tells them apart, and
     correlation's delay, within 0.5 ms of the true one, is kept and said without an error."""
@@ -159,7 +159,6 @@ def test_a_delay_that_a_candidate_does_as_well_stays_where_correlation_put_it(tm
         assert not any("by its reference alone" in text for text in machine.sentences[point.log.name])
 
 
-@pytest.mark.slow
 def test_a_held_out_run_whose_late_channel_stands_still_is_scored_without_a_delay(tmp_path):
     """The others are aligned; the run says that there is nothing to align, and has its place in the budget."""
     for seed in range(5):

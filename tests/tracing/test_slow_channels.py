@@ -34,8 +34,8 @@ def held(folder: Path, columns: tuple[str, ...], rate_Hz: float, every: int) -> 
     [
         (PRESSURES, 200.0, 2),
         pytest.param(PRESSURES, 200.0, 1, marks=pytest.mark.slow),
-        (("position_m",), 250.0, 1),
-        (("acceleration_m_s2",), 1e3 / 3.0, 1),
+        pytest.param(("position_m",), 250.0, 1, marks=pytest.mark.slow),
+        pytest.param(("acceleration_m_s2",), 1e3 / 3.0, 1, marks=pytest.mark.slow),
     ],
 )
 def test_nothing_is_missing_where_a_channel_is_held(tmp_path, columns, rate_Hz, every):
