@@ -289,6 +289,7 @@ def test_without_stdout_a_command_works(tmp_path):
     assert ended.returncode == 0 and ended.stderr == ""
 
 
+@pytest.mark.slow  # an ASCII locale is in this file
 def test_a_log_is_written_whatever_the_locale(tmp_path):
     """A folder with letters beyond the locale: libraries get an open file, not a name that they encode otherwise."""
     environment = {**ENVIRONMENT, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

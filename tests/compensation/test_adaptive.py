@@ -533,12 +533,8 @@ VARIED = {
 }  # fmt: skip
 
 
-ONE_IN_CI = "slow spool"  # a minute each with an empty cache of compiled functions
-
-
-@pytest.mark.parametrize(
-    "what", [ONE_IN_CI, *(pytest.param(what, marks=pytest.mark.slow) for what in VARIED if what != ONE_IN_CI)]
-)
+@pytest.mark.slow  # test_bumps_fall_to_a_quarter, of one leg
+@pytest.mark.parametrize("what", VARIED)
 def test_a_quarter_is_left_whatever_the_leg_is(what) -> None:
     """A plant apart with one number far from what any data sheet here says, nothing of it declared: at most a quarter is left and no
     more reversals are worse than plain control than plain control's own."""
@@ -705,7 +701,7 @@ def test_what_was_learned_serves_with_learning_off(bench40) -> None:
     assert fixed.parameters(again.state)["numbers"] == known["numbers"]
 
 
-@pytest.mark.parametrize("amplitude_m", [0.0, 2e-5])
+@pytest.mark.parametrize("amplitude_m", [pytest.param(0.0, marks=pytest.mark.slow), 2e-5])
 def test_at_rest_nothing_is_added_and_nothing_drifts(amplitude_m, bench40) -> None:
     """Started with what was learned, 20 s at rest or moving by 20 um: nothing is added, no parameter value moves, and the piston
     stays within the loop's dead band."""

@@ -32,7 +32,9 @@ def decrement(model: str, leg_mass_kg: float) -> float:
     return -math.log(late / early) / 0.55
 
 
-@pytest.mark.parametrize(("leg_mass_kg", "share"), [(12.0, 0.02), pytest.param(1.0, 0.02, marks=pytest.mark.slow), (0.1, 0.08)])
+@pytest.mark.parametrize(
+    ("leg_mass_kg", "share"), [(12.0, 0.02), pytest.param(1.0, 0.02, marks=pytest.mark.slow), (0.1, 0.08)]
+)
 def test_ball_ends_damp_next_to_nothing(leg_mass_kg, share):
     """Beside the tendon model's ring, that of full legs decays by less than 2 % of what viscous friction would
     take; of legs of 0.1 kg, which no cylinder is as light as, by 6 %.

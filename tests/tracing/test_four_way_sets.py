@@ -45,6 +45,16 @@ def test_leakage_across_the_piston_is_found_with_its_number():
     assert effect["parameters"]["conductance_m3_s_Pa"] == pytest.approx(truth, rel=0.02)
 
 
+@pytest.fixture(scope="module")
+def four_way(tmp_path_factory):
+    """A log of a four-way machine, and what is declared of it."""
+    folder = tmp_path_factory.mktemp("four_way")
+    write_machine(folder, 1, duration_s=9.0)
+    machine = load_machine(folder)
+    [log], _ = trace_logs.read_runs(folder, ["fit"], machine)
+    return log, machine
+
+
 @pytest.mark.parametrize(
     ("columns", "lost"),
     [
@@ -54,11 +64,9 @@ def test_leakage_across_the_piston_is_found_with_its_number():
     ],
     ids=["both pressures", "bottom alone", "none"],
 )
-def test_what_cannot_be_said_is_said(tmp_path, columns, lost):
+def test_what_cannot_be_said_is_said(four_way, columns, lost):
     """A four-way log without pressures: the balances that it does not allow and the channels that they lack, in a sentence."""
-    write_machine(tmp_path, 1, duration_s=9.0)
-    machine = load_machine(tmp_path)
-    [log], _ = trace_logs.read_runs(tmp_path, ["fit"], machine)
+    log, machine = four_way
     log = replace(log, **{column.removesuffix("_Pa"): None for column in columns})
     found = violations.lost_balances([log], machine)
     said = " ".join(finding.description for finding in found)

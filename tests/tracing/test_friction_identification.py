@@ -77,6 +77,7 @@ def test_errors_are_honest_on_ordinary_motion(tmp_path, run):
     assert abs(result.mass_kg - plant.rig["mass"][0]) < 4 * result.mass_error_kg + 0.1
 
 
+@pytest.mark.slow  # legs with mass, and a bench, are in this file
 def test_a_leg_of_a_hexapod(tmp_path):
     """Leg loads from the platform's motion: viscous within 3 %, Coulomb within 10 % on the multisine."""
     plant = other_plant.write_machine(tmp_path, 6, {}, "hexapod", runs=["fit"], duration_s=12.0)

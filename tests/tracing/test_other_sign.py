@@ -57,7 +57,7 @@ def test_right_signs_say_nothing(tmp_path, late):
     assert said == [] and set(named) == {"leakage", "compressibility"}
 
 
-@pytest.mark.parametrize("wrong", ["leakage", "compressibility"])
+@pytest.mark.parametrize("wrong", ["leakage", pytest.param("compressibility", marks=pytest.mark.slow)])
 def test_a_candidate_of_the_wrong_sign_is_said(tmp_path, wrong):
     """It is not named, and what it would take with the other sign is said; the other candidate's sign is not doubted."""
     said, named = remarks_of(

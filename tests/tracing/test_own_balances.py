@@ -80,6 +80,7 @@ def folder_of(place: Path, extra: str = "", relief: float = RELIEF, text: str = 
     return place
 
 
+@pytest.mark.slow  # a bumper that acts in 4 % is found in test_own_boom.py
 def test_what_acts_in_three_percent_of_the_samples_is_found_with_its_place(tmp_path):
     """A relief flow beyond 15 MPa: named in every fold, place within 3 %, slope within 15 %; the fitted file has it."""
     folder = folder_of(tmp_path)
