@@ -77,6 +77,51 @@ def test_callbacks_that_hold_compiled_functions_are_found_again(tmp_path):
         assert ended.stdout.split() == said.split()
 
 
+CALLED = """
+import math
+from compensation.compiled import compiled
+
+@compiled
+def inner(x):
+    if x < 0.0:
+        raise ValueError("below zero")
+    return math.sqrt(x)
+
+@compiled
+def outer(x):
+    return 2.0 * inner(x)
+
+def of_python():
+    return len(inner.signatures), len(inner.stats.cache_hits)
+
+assert outer(4.0) == 4.0
+before = of_python()
+assert inner(4.0) == 2.0 and inner(9.0) == 3.0
+for function in (inner, outer):
+    try:
+        function(-1.0)
+    except ValueError as error:
+        assert str(error) == "below zero"
+    else:
+        raise AssertionError
+print(*before, *of_python(), len(outer.stats.cache_hits))
+"""
+
+
+def test_what_compiled_callers_alone_ask_for_has_no_code_for_python(tmp_path):
+    """A function that a compiled one calls has none until Python calls it, and says its errors through both; the next process finds all
+    of it compiled."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
+    (tmp_path / "called.py").write_text(CALLED)
+    for said in ("0 0 1 0 0", "0 0 1 1 1"):
+        ended = subprocess.run(
+            [sys.executable, str(tmp_path / "called.py")], env=environment, capture_output=True, text=True
+        )
+        assert ended.stdout.strip() == said, ended.stderr
+    [linked] = [path.name for path in tmp_path.rglob("linked-*.nbc")]
+    assert "inner" in linked
+
+
 DAMAGES = [("*.nbi", "flipped"), ("*.nbi", "empty"), ("*.nbi", "cut"), ("*.nbc", "empty"), ("*.nbc", "flipped")]
 
 
