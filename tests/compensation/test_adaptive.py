@@ -723,6 +723,7 @@ def test_no_period_of_a_quick_motion_is_worse_than_plain_control(amplitude_m) ->
     assert (peaks[1] <= 1.1 * peaks[0]).all()
 
 
+@pytest.mark.slow  # test_setpoint_filter.py follows repetitive's delay; its ticks are held in motion_computer/test_legs_together.py
 def test_repetitive_learns_what_is_left(bench40) -> None:
     """After 24 s less than half of `adaptive`'s position error is left, and the peak is within its target of 0.05 m/s2."""
     _, without, _ = bench40
