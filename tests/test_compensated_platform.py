@@ -9,6 +9,7 @@ from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.simulation import simulate
 
+pytestmark = pytest.mark.slow  # in heave legs engage together and leave a third in motion_computer/test_legs_together.py
 AXES = ("acceleration_x_m_s2", "acceleration_z_m_s2", "angular_acceleration_x_rad_s2", "angular_acceleration_z_rad_s2")
 
 
@@ -50,7 +51,6 @@ def test_legs_engage_together(runs) -> None:
     assert np.ptp(at_s) < 1.0 and at_s.max() < 7.0
 
 
-@pytest.mark.slow  # test_legs_engage_together has six frequencies
 def test_legs_that_hardly_move_hold_nobody_up() -> None:
     """Roll: legs 3 and 6 turn with a fifth of the others' acceleration, and yet all six have engaged before 7 s."""
     machine, scenario = load_machine("micro_motion_system"), load_scenario("roll", duration_s=7.5)

@@ -12,7 +12,7 @@ import pytest
 import compensation
 from compensation import Compensator, Context, Sample, guard, legs, started
 from compensation.adaptive import Adaptive
-from hexsim import load_scenario
+from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.motion_computer.position_loop import PositionLoop
@@ -63,6 +63,22 @@ def test_legs_together_are_legs_one_by_one(hexapod, monkeypatch, tmp_path, pytho
     assert together.log.equals(apart.log)
     assert together.compensator_parameters == apart.compensator_parameters != taught
     assert together.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy().any(axis=0).all()
+
+
+def bump(run) -> float:
+    """Largest heave acceleration [m/s2] in 50 Hz about its mean over 0.1 s, from 4.6 s to 5.8 s."""
+    t, a = (run.log[name].to_numpy() for name in ("time_s", "true_acceleration_z_m_s2"))
+    a = smoothness.band_limit(t, a)
+    return float(np.abs(a - np.convolve(a, np.ones(101) / 101, "same"))[(t > 4.6) & (t < 5.8)].max())
+
+
+def test_legs_of_a_platform_engage_together_and_leave_a_third(hexapod, python_ticks):
+    """From nothing, in heave: six legs begin within a tenth of a second, and at the next reversal at most a third of plain control's
+    bump is left."""
+    run = python_ticks("micro_motion_system", "adaptive", 6.0)
+    volts = run.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy()
+    assert volts[-1].all() and np.ptp((volts != 0.0).argmax(axis=0)) < 100
+    assert bump(run) < bump(simulate(hexapod, short(6.0), compensator="none", fast=True)) / 3.0
 
 
 @pytest.mark.slow  # two seconds of it are above

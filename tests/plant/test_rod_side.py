@@ -21,7 +21,7 @@ def heave(machine, duration_s, **options):
     return {name: result.log[name].to_numpy() for name in result.log.columns}
 
 
-@pytest.mark.parametrize("conductance", [WIDE, NARROW])
+@pytest.mark.parametrize("conductance", [WIDE, pytest.param(NARROW, marks=pytest.mark.slow)])
 def test_ten_times_smaller_steps_change_nothing(conductance):
     """100 us against 10 us: acceleration to 0.01 m/s2 and P2 to 0.01 bar, with a port of 2 us and with one of 18 us."""
     machine = changed(load_machine("bench"), {**CHAMBER, "cylinder.rod_side_conductance_m3_s_sqrtPa": conductance})
