@@ -9,7 +9,9 @@ from hexsim import load_scenario, smoothness
 from hexsim.machine import load_machine
 from hexsim.simulation import simulate
 
-pytestmark = pytest.mark.slow  # in heave legs engage together and leave a third in motion_computer/test_legs_together.py
+pytestmark = (
+    pytest.mark.slow
+)  # in heave legs engage together and leave a third in motion_computer/test_legs_together.py
 AXES = ("acceleration_x_m_s2", "acceleration_z_m_s2", "angular_acceleration_x_rad_s2", "angular_acceleration_z_rad_s2")
 
 

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from hexsim.files import run_folder
 
 ROOT = Path(__file__).parents[1]
@@ -59,6 +61,25 @@ for package in (hexsim, compensation):
 """
 
 
+def loaded_with(node: ast.AST) -> set[str]:
+    """Names of what a module imports as it is loaded itself: not within functions, nor where it is tried."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.Try | ast.If):
+        return set()
+    own = {alias.name for alias in node.names} if isinstance(node, ast.Import) else set()
+    own |= {node.module} if isinstance(node, ast.ImportFrom) and node.module and not node.level else set()
+    return own.union(*map(loaded_with, ast.iter_child_nodes(node)))
+
+
+def test_no_module_names_an_extra_as_it_is_loaded():
+    """None but those that are for an extra alone."""
+    for path in (*(ROOT / "hexsim").rglob("*.py"), *(ROOT / "compensation").rglob("*.py")):
+        if not ".".join(path.relative_to(ROOT).parts).startswith(OF_AN_EXTRA):
+            names = loaded_with(ast.parse(path.read_text()))
+            assert not {name.split(".")[0] for name in names} & EXTRAS, path
+            assert not [name for name in names if name.startswith(OF_AN_EXTRA)], path
+
+
+@pytest.mark.slow  # imports every module; none names an extra, above
 def test_no_module_needs_an_extra():
     """With everything that an extra provides out of reach, every module is imported, but those that are for an extra alone."""
     code = IMPORT_ALL.format(extras=sorted(EXTRAS), left_out=OF_AN_EXTRA)

@@ -43,7 +43,7 @@ steps = 1
 OUTLET, INLET, WEIR, TOP, NOISE = 0.08, 1.0, 0.5, 1.2, 3e-3
 
 
-def tank_run(seed: int, weir: float, n: int = 600) -> pl.DataFrame:
+def tank_run(seed: int, weir: float, n: int = 350) -> pl.DataFrame:
     """A tank written apart: midpoint steps of 0.1 s, its own noise; the inflow goes straight from sample to sample."""
     rng = np.random.default_rng(seed)
     inflow = np.repeat(rng.uniform(0.02, 0.15, n // 50), 50)
