@@ -86,7 +86,8 @@ def linked(dispatcher: Any, options: dict[str, Any], general: Callable[[Any], An
     """The dispatcher, whose compiled callers get another one's signatures, which Python cannot call. general: the type they ask for."""
     if not hasattr(dispatcher, "get_call_template"):
         return dispatcher  # numba is switched off
-    inner: Any = njit(**(options | {"no_cpython_wrapper": True}))(dispatcher.py_func)
+    without: Any = options | {"no_cpython_wrapper": True}
+    inner: Any = njit(**without)(dispatcher.py_func)
     stored = getattr(inner._cache, "_cache_file", None)
     if stored is not None:
         own = dispatcher._cache._cache_file
