@@ -72,7 +72,8 @@ class Library(JITCodeLibrary):
 
 class _Nesting(event.Listener):
     def on_start(self, event: Any) -> None:
-        _FOR_CALLERS.append(bool(event.data["dispatcher"].targetoptions.get("no_cpython_wrapper")))
+        options = getattr(event.data["dispatcher"], "targetoptions", {})  # a lifted loop has none
+        _FOR_CALLERS.append(bool(options.get("no_cpython_wrapper")))
 
     def on_end(self, event: Any) -> None:
         _FOR_CALLERS.pop()
