@@ -464,7 +464,7 @@ def test_telemetry_without_a_host_is_not_kept() -> None:
     ("signal_name", "more"),
     [
         ("SIGINT", ["--lockstep"]),
-        ("SIGTERM", ["--from", "outsim"]),
+        pytest.param("SIGTERM", ["--from", "outsim"], marks=pytest.mark.slow),
         *(pytest.param(name, [], marks=pytest.mark.slow) for name in ("SIGINT", "SIGTERM")),
     ],
 )

@@ -263,7 +263,7 @@ CHANGES = {
         ("tendon", CHANGES),
         pytest.param("full", {"load.platform_mass_kg": 1100.0}, marks=pytest.mark.slow),
         pytest.param("effects", {"supply.pressure_Pa": 8.0e6}, marks=pytest.mark.slow),
-        ("full_chosen", CHANGES),
+        pytest.param("full_chosen", CHANGES, marks=pytest.mark.slow),
         pytest.param(
             "effects_chosen", {"supply.pressure_Pa": 8.0e6, "friction.sharpness_m_s": 1e-4}, marks=pytest.mark.slow
         ),

@@ -45,6 +45,7 @@ def page(peaks):
         running.join(timeout=30.0)
 
 
+@pytest.mark.slow  # a browser; what a widget takes is in test_gate.py, figures in flight in test_live.py
 def test_a_slider_changes_the_peak_to_what_a_run_says_and_nothing_leaves_the_computer(page, peaks):
     """Overlap 5 to 20 um in 15 steps of the slider: the large digits say before and after what `hexsim run` says of these
     machines, the command line on the page is that run's, and everything that the browser asks for is on loopback."""
