@@ -79,8 +79,22 @@ class _Nesting(event.Listener):
         _FOR_CALLERS.pop()
 
 
-cpu_target.target_context.codegen()._library_class = Library
-event.register("numba:compile", _Nesting())
+# private names of numba that this stands on: where a version lacks one, functions are compiled as numba does
+KNOWN = hasattr(cpu_target.target_context.codegen(), "_library_class") and all(
+    hasattr(JITCodeLibrary, name)
+    for name in (
+        "_optimize_final_module",
+        "_finalize_final_module",
+        "_finalize_dynamic_globals",
+        "_get_module_for_linking",
+        "_unserialize",
+        "serialize_using_object_code",
+        "get_pointer_to_function",
+    )
+)
+if KNOWN:
+    cpu_target.target_context.codegen()._library_class = Library
+    event.register("numba:compile", _Nesting())
 
 
 def linked(dispatcher: Any, options: dict[str, Any], general: Callable[[Any], Any] = lambda kind: kind) -> Any:
@@ -88,9 +102,9 @@ def linked(dispatcher: Any, options: dict[str, Any], general: Callable[[Any], An
     if not hasattr(dispatcher, "get_call_template"):
         return dispatcher  # numba is switched off
     without: Any = options | {"no_cpython_wrapper": True}
-    inner: Any = njit(**without)(dispatcher.py_func)
+    inner: Any = njit(**without)(dispatcher.py_func) if KNOWN else dispatcher
     stored = getattr(inner._cache, "_cache_file", None)
-    if stored is not None:
+    if KNOWN and stored is not None:
         own = dispatcher._cache._cache_file
         stored.__class__, stored._version = own.__class__, own._version
         for name in ("_index_name", "_data_name_pattern"):
