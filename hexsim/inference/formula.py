@@ -56,9 +56,9 @@ class Machine(Forms, Protocol):
         ...
 
     def looks(
-        self, chosen: Sequence[Any], every: Sequence[Any]
+        self, chosen: Sequence[Any], every: Sequence[Any], about: Fit
     ) -> Iterator[tuple[Problem, list[tuple[Any, list[str]]]]]:
-        """Models with some of them at amplitude 0, and each with the names of its amplitudes there."""
+        """Models with some of them at amplitude 0, and each with the names of its amplitudes there. about: the motion."""
         ...
 
 
@@ -254,7 +254,7 @@ def looked(machine: Machine, ground: Ground, every: Sequence[Any]) -> list[Look]
     """Every formula to first order in the place of what is there instead, the likeliest first; of several starts the best."""
     now, about = ground.now, ground.about
     found: dict[str, Look] = {}
-    for problem, offered in machine.looks([*ground.chosen, *ground.others], every):
+    for problem, offered in machine.looks([*ground.chosen, *ground.others], every, about):
         at = part_of(problem)
         x, y, names = looked_at(problem, about, at)
         base = x[:, [names.index(name) for name in now.names]]
