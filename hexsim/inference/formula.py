@@ -56,9 +56,9 @@ class Machine(Forms, Protocol):
         ...
 
     def looks(
-        self, chosen: Sequence[Any], every: Sequence[Any]
+        self, chosen: Sequence[Any], every: Sequence[Any], about: Fit
     ) -> Iterator[tuple[Problem, list[tuple[Any, list[str]]]]]:
-        """Models with some of them at amplitude 0, and each with the names of its amplitudes there."""
+        """Models with some of them at amplitude 0, and each with the names of its amplitudes there. about: the motion."""
         ...
 
 
@@ -83,11 +83,11 @@ class Formula:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
-    """score: nats to first order less the length. amplitude: where its fit begins."""
+    """score: nats to first order less the length. begins: where its fits begin, the likeliest start first."""
 
     form: Any
     score: float
-    begin: dict[str, float]
+    begins: list[dict[str, float]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -239,22 +239,31 @@ def score_of(one: Judgment) -> float:
 
 
 def tried(machine: Machine, ground: Ground, look: Look, notes: Notebook) -> Judgment | None:
+    """Fitted from each of its starts: the best fit is the formula's, and what another minimum foretells is not asked."""
     candidate = look.form.candidate
+
+    def fitted_from_all(problem: Problem) -> Fit:
+        return min((fitted_with(problem, ground.about, begin) for begin in look.begins), key=lambda fit: fit.cost)
+
     try:
-        fitted, after = notes.attempt(
-            machine, [*ground.chosen, candidate], lambda problem: fitted_with(problem, ground.about, look.begin)
-        )
+        fitted, after = notes.attempt(machine, [*ground.chosen, candidate], fitted_from_all)
     except HexsimError:
         return None
     looks = max(round(math.exp(look.form.length)), 1)
     return judge(candidate, candidate.title, candidate.amplitude, fitted, ground.held, after, looks)
 
 
-def looked(machine: Machine, ground: Ground, every: Sequence[Any]) -> list[Look]:
-    """Every formula to first order in the place of what is there instead, the likeliest first; of several starts the best."""
+def looked(
+    machine: Machine,
+    ground: Ground,
+    every: Sequence[Any],
+    *,
+    most_starts: int = 3,  # of a formula's fits: the likeliest and, of a sine, one on either side of it
+) -> list[Look]:
+    """Every formula to first order in the place of what is there instead, the likeliest first."""
     now, about = ground.now, ground.about
-    found: dict[str, Look] = {}
-    for problem, offered in machine.looks([*ground.chosen, *ground.others], every):
+    found: dict[str, list[Look]] = {}
+    for problem, offered in machine.looks([*ground.chosen, *ground.others], every, about):
         at = part_of(problem)
         x, y, names = looked_at(problem, about, at)
         base = x[:, [names.index(name) for name in now.names]]
@@ -269,10 +278,15 @@ def looked(machine: Machine, ground: Ground, every: Sequence[Any]) -> list[Look]
             if any(side * value < 0 for side, value in zip(low, size, strict=True)):
                 continue
             score = nats * len(problem.stretches) / len(at) - form.length
-            if score > found.get(form.title, Look(form=form, score=0.0, begin={})).score:
-                begin = dict(zip(form.candidate.amplitude, map(float, size), strict=True))
-                found[form.title] = Look(form=form, score=score, begin=begin)
-    return sorted(found.values(), key=lambda look: -look.score)
+            if score > 0.0:
+                inside = {name: float(table.start or 0.0) for name, table in form.candidate.numbers.items()}
+                begin = inside | dict(zip(form.candidate.amplitude, map(float, size), strict=True))
+                found.setdefault(form.title, []).append(Look(form=form, score=score, begins=[begin]))
+    looks = []
+    for starts in found.values():
+        starts.sort(key=lambda look: -look.score)
+        looks.append(replace(starts[0], begins=[start.begins[0] for start in starts[:most_starts]]))
+    return sorted(looks, key=lambda look: -look.score)
 
 
 def part_of(

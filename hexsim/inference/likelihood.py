@@ -276,7 +276,8 @@ def least(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], evaluat
 def whitened(data: Coefficients, theta: Array, spectra: Sequence[Spectrum]) -> tuple[Array, Array]:
     """Residual (2 m,) and slopes (2 m, k) with unit variance."""
     scales = data.scales(spectra)
-    return real(finite(data.residuals(theta)), scales), bounded(real(data.slopes(theta), scales))
+    slopes = bounded(real(data.slopes(theta), scales))  # first: their simulation gives the residual, too
+    return real(finite(data.residuals(theta)), scales), slopes
 
 
 def bounded(slopes: Array) -> Array:

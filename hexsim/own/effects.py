@@ -10,7 +10,7 @@ import ast
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import TypeVar
@@ -469,3 +469,30 @@ def replaced(text: str, old: str, new: str) -> str:
             return ast.Name(id=new, ctx=ast.Load()) if node.id == old else node
 
     return ast.unparse(Swap().visit(tree))
+
+
+def distinct(candidate: Candidate, k: int) -> Candidate:
+    """The same with names that no other candidate has."""
+    names = [
+        *candidate.numbers,
+        *([candidate.switch] if candidate.switch else []),
+        *([candidate.memory[0]] if candidate.memory else []),
+        *([candidate.curve[0]] if candidate.curve else []),
+    ]
+    new = {name: f"{name}_c{k}" for name in names}
+    swap = lambda text: with_values(text, new)  # noqa: E731
+    memory = (new[candidate.memory[0]], candidate.memory[1].changed(swap)) if candidate.memory else None
+    return replace(
+        candidate,
+        formulas={key: swap(text) for key, text in candidate.formulas.items()},
+        numbers={new[name]: table for name, table in candidate.numbers.items()},
+        amplitude=tuple(new[name] for name in candidate.amplitude),
+        memory=memory,
+        switch=new[candidate.switch] if candidate.switch else None,
+        curve=(new[candidate.curve[0]], swap(candidate.curve[1])) if candidate.curve else None,
+    )
+
+
+def with_values(text: str, values: Mapping[str, str]) -> str:
+    """A formula with other words for some of its names."""
+    return re.sub(r"[A-Za-z_][A-Za-z0-9_]*", lambda found: values.get(found.group(), found.group()), text)

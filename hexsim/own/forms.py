@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from hexsim.inference.verdict import GATES
 from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables, ParameterTable
-from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of, span_of
+from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of, span_of, with_values
 
 
 class Starts(NamedTuple):
@@ -368,8 +367,3 @@ def some_memory(
         parameters={"form_late": EffectNumber(scale=0.05 * own.S * scale)},
     )
     return replace(candidates(row, on, None, tables, own)[0], shape=f"{k + 1}")
-
-
-def with_values(text: str, values: Mapping[str, str]) -> str:
-    """A formula with other words for some of its names."""
-    return re.sub(r"[A-Za-z_][A-Za-z0-9_]*", lambda found: values.get(found.group(), found.group()), text)

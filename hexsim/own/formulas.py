@@ -8,10 +8,13 @@ simulation needs (sympy's own Max and Abs rewrite themselves at length and diffe
 from __future__ import annotations
 
 import ast
+import functools
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
 import sympy
 
 from hexsim.errors import HexsimError
@@ -247,3 +250,34 @@ def combined(op: ast.operator, a: Expr, b: Expr, where: str) -> Expr:
             raise HexsimError(f"{where}: a division by 0")
         return a ** int(float(b))
     return power(a, b)
+
+
+VALUES: dict[str, Callable[..., Any]] = {
+    "exp": lambda x: np.exp(np.minimum(x, 700.0)),
+    "logarithm": lambda x: np.log(np.maximum(x, TINY)),
+    "tanh": np.tanh,
+    "sin": np.sin,
+    "cos": np.cos,
+    "root": lambda x: np.sign(x) * np.sqrt(np.abs(x)),
+    "step": lambda x: 1.0 * (np.asarray(x) > 0.0),
+    "side": np.sign,
+    "positive": lambda x: np.maximum(x, 0.0),
+    "size": np.abs,
+    "power": lambda x, y: np.where(x > 0.0, np.exp(np.minimum(y * np.log(np.maximum(x, TINY)), 700.0)), 0.0),
+}
+
+
+def valued(expr: Expr, known: dict[Expr, Any]) -> Any:
+    """An expression with arrays for its symbols; what was computed once is taken from `known` again, which grows."""
+    if expr not in known:
+        if expr.is_Number:
+            return float(expr)
+        name = "power" if expr.is_Pow and not expr.exp.is_Integer else type(expr).__name__
+        args = [valued(one, known) for one in expr.args]
+        if name in VALUES:
+            known[expr] = VALUES[name](*args)
+        elif expr.is_Pow:
+            known[expr] = args[0] ** int(expr.exp)
+        else:
+            known[expr] = functools.reduce(operator.mul if expr.is_Mul else operator.add, args)
+    return known[expr]

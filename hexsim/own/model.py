@@ -119,15 +119,22 @@ class Resolver:
         return self.symbols[name]
 
 
+def resolver_of(tables: ModelTables, where: str) -> Resolver:
+    """With the states of memory elements and what they give."""
+    elements, given = memory_states(tables, where)
+    resolver = Resolver(tables, where, {**tables.states, **{name: state for name, (state, _) in elements.items()}})
+    resolver.given |= given
+    return resolver
+
+
 def model_of(tables: ModelTables, where: str, columns: set[str] | None = None) -> Model:
     """The model of a file. columns: those of the logs; a name that is neither is refused. Raises HexsimError."""
     if not tables.states and not tables.outputs:
         raise HexsimError(f"{where}: a model that is simulated has [states] or [outputs]")
-    elements, given = memory_states(tables, where)
-    states = {**tables.states, **{name: state for name, (state, _) in elements.items()}}
+    elements, _ = memory_states(tables, where)
     check_names(tables, where)
-    resolver = Resolver(tables, where, states)
-    resolver.given |= given
+    resolver = resolver_of(tables, where)
+    states = resolver.states
     rates, after = [], []
     for name, state in states.items():
         place = f"[states.{name}]"

@@ -15,10 +15,10 @@ from hexsim.inference.search import Found, search
 from hexsim.inference.stated import stated
 from hexsim.inference.verdict import Judgment, changing
 from hexsim.own.declaration import Declaration
-from hexsim.own.effects import Candidate, joined, offered
+from hexsim.own.effects import Candidate, distinct, joined, offered, with_values
 from hexsim.own.folder import OwnFolder
-from hexsim.own.forms import Form, forms, loosened, memories, with_values
-from hexsim.own.formulas import BOUNDS
+from hexsim.own.forms import Form, forms, loosened, memories
+from hexsim.own.looks import Look, looks
 from hexsim.own.model import model_of
 from hexsim.own.problem import OwnProblem, problem_of
 from hexsim.own.run import simulated
@@ -182,19 +182,9 @@ class Simulated:
         known = {written(one) for one in (*chosen, *named)}
         return [form for form in every if written(form.candidate) not in known]
 
-    def looks(
-        self, chosen: Sequence[Candidate], every: Sequence[Form]
-    ) -> Iterator[tuple[OwnProblem, list[tuple[Form, list[str]]]]]:
-        """Formulas of one place in one model as far as its formulas have room, with numbers inside their functions fixed; those that hold
-        at rest apart, for a time step with friction is a longer one."""
-        own: dict[tuple[str, bool], list[tuple[Form, Candidate]]] = {}
-        for k, form in enumerate(every):
-            one = distinct(fixed(form.candidate), k)
-            own.setdefault((one.place, "forwards" in one.formulas), []).append((form, one))
-        for pairs in own.values():
-            for part in fitting(pairs):
-                problem = self.of(joined(self.declared(chosen), merged([one for _, one in part]), neutral=True))
-                yield problem, [(form, list(one.amplitude)) for form, one in part]
+    def looks(self, chosen: Sequence[Candidate], every: Sequence[Form], about: Fit) -> Iterator[Look]:
+        """Models with some of the formulas at amplitude 0, and each with the names of its amplitudes there."""
+        return looks(self.folder, self.columns, self.declared(chosen), every, about)
 
 
 def written(candidate: Candidate) -> tuple[str, ...]:
@@ -202,60 +192,3 @@ def written(candidate: Candidate) -> tuple[str, ...]:
     numbers = dict.fromkeys(candidate.numbers, "#")
     texts = (re.sub(r"[\s()+-]", "", with_values(text, numbers)) for text in candidate.formulas.values())
     return (candidate.place, *texts)
-
-
-def fixed(candidate: Candidate) -> Candidate:
-    """With values for the numbers that are no amplitudes."""
-    values = {
-        name: f"({table.start!r})" for name, table in candidate.numbers.items() if name not in candidate.amplitude
-    }
-    return replace(
-        candidate,
-        formulas={key: with_values(text, values) for key, text in candidate.formulas.items()},
-        numbers={name: candidate.numbers[name] for name in candidate.amplitude},
-    )
-
-
-def fitting(own: Sequence[tuple[Form, Candidate]]) -> Iterator[list[tuple[Form, Candidate]]]:
-    """Parts whose formulas together are no longer than a formula may be."""
-    part, room = [], BOUNDS.longest
-    for form, one in own:
-        length = sum(map(len, one.formulas.values())) + len(" + ")
-        if part and length > room:
-            yield part
-            part, room = [], BOUNDS.longest
-        part, room = [*part, (form, one)], room - length
-    if part:
-        yield part
-
-
-def merged(own: Sequence[Candidate]) -> Candidate:
-    """Candidates of one place as one; what they add are terms of a sum."""
-    formulas: dict[str, str] = {}
-    for one in own:
-        for key, text in one.formulas.items():
-            formulas[key] = f"{formulas[key]} + {text.removeprefix(one.unchanged)}" if key in formulas else text
-    numbers = {name: table for one in own for name, table in one.numbers.items()}
-    return replace(own[0], formulas=formulas, numbers=numbers, amplitude=tuple(numbers))
-
-
-def distinct(candidate: Candidate, k: int) -> Candidate:
-    """The same with names that no other candidate has."""
-    names = [
-        *candidate.numbers,
-        *([candidate.switch] if candidate.switch else []),
-        *([candidate.memory[0]] if candidate.memory else []),
-        *([candidate.curve[0]] if candidate.curve else []),
-    ]
-    new = {name: f"{name}_c{k}" for name in names}
-    swap = lambda text: with_values(text, new)  # noqa: E731
-    memory = (new[candidate.memory[0]], candidate.memory[1].changed(swap)) if candidate.memory else None
-    return replace(
-        candidate,
-        formulas={key: swap(text) for key, text in candidate.formulas.items()},
-        numbers={new[name]: table for name, table in candidate.numbers.items()},
-        amplitude=tuple(new[name] for name in candidate.amplitude),
-        memory=memory,
-        switch=new[candidate.switch] if candidate.switch else None,
-        curve=(new[candidate.curve[0]], swap(candidate.curve[1])) if candidate.curve else None,
-    )

@@ -159,7 +159,7 @@ steps = 1
     assert {one.name for one in found} == {row.name for row in effects.library()}
     full = plain
     for k, one in enumerate(one for one in found if not one.rival):
-        full = effects.joined(full, own_trace.distinct(one, k), neutral=True)
+        full = effects.joined(full, effects.distinct(one, k), neutral=True)
     free = [effects.joined(plain, one, neutral=True) for one in found if one.rival]
     t = np.arange(300) * 0.01
     log = Log(name="run", kind="own", time=t, columns={"u": np.sin(5 * t), "x": 0 * t, "both": 0 * t})
