@@ -17,7 +17,9 @@ OLDER = WINDOWS  # place of an older window that is looked at again; those that 
 KEPT = 48  # older windows that are looked at again: some 25 s of a sine of 0.5 Hz
 MOST_DELAY = 6  # whole ticks of a valve's delay
 HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
-SEEN_POLES = 3  # of the low pass over what is read: two leave more noise than a bump, four less than half of a bump of 20 Hz
+SEEN_POLES = (
+    3  # of the low pass over readings, 1: two leave more noise than bump at 18 um, four half of a bump of 20 Hz
+)
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
 
 f, i = "f8", "i8"

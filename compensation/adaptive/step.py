@@ -7,7 +7,8 @@ engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE
                    than KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e the
                    one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last
                    half strokes, by what is known now; d what the model lacks. It leaves where e^2 + f^2 + d^2 are that share,
-                   and a leg with start parameters stays by that rule from its first motion on
+                   and a leg with start parameters stays by that rule from its first motion on. Readings that show more than
+                   MOST_SEEN times plain control's bump are f, and it leaves at once
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
 """
