@@ -7,7 +7,8 @@ engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE
                    than KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e the
                    one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last
                    half strokes, by what is known now; d what the model lacks. It leaves where e^2 + f^2 + d^2 are that share,
-                   and a leg with start parameters stays by that rule from its first motion on
+                   and a leg with start parameters stays by that rule from its first motion on. Readings that show more than
+                   MOST_SEEN times plain control's bump are f, and it leaves at once
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
 """
@@ -23,7 +24,7 @@ from .damping import damping_rate_1_s, damping_V, design_damping, oil_stiffness,
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
 from .fit import NARROW, follow, forward
 from .inverse import AHEAD, improve, keep_first, low_pass
-from .layout import HALVES, MOST_DELAY, QUEUE
+from .layout import HALVES, HISTORY, MOST_DELAY, QUEUE, SEEN_POLES
 from .leg import (
     AMP,
     AMP_LAG,
@@ -89,6 +90,14 @@ LEAST_PASSED = 1.0 / 3.0  # of a tone: if the valve is a fast one after all, a t
 # than a dead band that is found anew shifts the motion
 OFF_m, OFF_OUTSIDE_m = 5e-3, 5e-4
 COARSEST = 1.0 / 256.0  # of the range to one side: half a count of a converter of 8 bits
+# corner of the low pass over the acceleration that the position's readings show: noise of 3 um gives 0.03 m/s2, 18 um 0.17
+SEEN_HZ = 30.0
+# of w^4 f T noise^2, the variance behind that low pass: twice the integral of x^4/(1 + x^2)^3 over x = f/SEEN_HZ
+SEEN_SHARE = 3.0 * pi / 8.0
+MOST_NOISE2 = 16.0  # square of the standard deviations that the largest of a half stroke's noise may be
+# over what plain control was seen to make and over what it would make by the model, from which what is read is no chance: the largest
+# of a half stroke's noise scatters by a quarter
+MOST_SEEN = 2.0
 QUIET_TICKS = 20  # for which no leg may object
 
 
@@ -218,6 +227,38 @@ def _in_motion(s):
 
 
 @compiled
+def _see(s):
+    """What the readings show of the bump, low: under plain control what there is, noise included, and with volts in whether it is beyond
+    that. Then the volts are wrong whatever the numbers' covariance says, and this half stroke has left so much."""
+    e, ref, y, now, tick_s = s.expected, s.reference, s.past.position_m, s.past.ticks - 1, s.settings.tick_s
+    y0, y1, y2 = y[now & (HISTORY - 1)], y[(now - 1) & (HISTORY - 1)], y[(now - 2) & (HISTORY - 1)]
+    seen = (y0 - 2.0 * y1 + y2) / (tick_s * tick_s) - (ref.velocity_m_s[1] - ref.velocity_m_s[0]) / tick_s
+    for k in range(SEEN_POLES):
+        e.seen_filtered[k] += (1.0 - exp(-2.0 * pi * SEEN_HZ * tick_s)) * (seen - e.seen_filtered[k])
+        seen = e.seen_filtered[k]
+    e.seen = max(e.seen, abs(seen))
+    if s.share > 0.0:
+        e.was_plain = 0
+        noise2 = (2.0 * pi * SEEN_HZ) ** 4 * SEEN_SHARE * SEEN_HZ * tick_s * s.past.noise_m**2
+        plain2 = max(e.bump2, e.bump * e.bump, MOST_NOISE2 * noise2)
+        for k in range(HALVES):
+            plain2 = max(plain2, e.seens2[k])
+        if e.seen * e.seen > MOST_SEEN * MOST_SEEN * plain2:
+            e.wrong = 1
+            e.left = max(e.left, e.seen)
+            e.left2 = max(e.left2, e.left * e.left / HALVES)
+
+
+@compiled
+def _saw(e):
+    """A half stroke has ended."""
+    if e.was_plain:
+        e.seens2[e.plain_halves % HALVES] = e.seen * e.seen
+        e.plain_halves += 1
+    e.seen, e.was_plain, e.wrong = 0.0, 1, 0
+
+
+@compiled
 def _expect(s, volts, left, setpoint_m, forward_V):
     """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
     each half stroke."""
@@ -297,6 +338,7 @@ def _expect(s, volts, left, setpoint_m, forward_V):
                 _doubt(s, k)
                 e.bump2 += e.bumps2[k] / min(e.halves, HALVES)
                 e.left2 += e.lefts2[k] / min(e.halves, HALVES)
+        _saw(e)
         e.bump = e.sigma = e.left = 0.0
         e.turned, e.begun = 0, 1
 
@@ -477,6 +519,7 @@ def tick_of(
         return 0.0
     left = _move_on(s, valve_V)
     volts = _invert(s)
+    _see(s)
     _expect(s, volts, left, setpoint_m, forward_V)
     _doubt(s, s.past.ticks % HALVES)
     stays = s.share > 0.0 or _goes_on(s)
@@ -509,8 +552,9 @@ def tick_of(
         wanted = 1.0 if s.objected == 0 else 0.0
     up, down = gains(s)  # volts that come in are not felt: in a dead band they wait for the stroke
     unfelt = PERCEIVED_m_s2 * settings.tick_s / max(0.5 * (up + down) * abs(total - own), PERCEIVED_m_s2 * RAMP_S)
-    s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), unfelt)
-    step = settings.tick_s / (LINEAR_S if wanted > 0.0 else LEAVE_S)
+    stands = s.linear > 0.0 and wanted == 0.0 and e.wrong == 0
+    s.share += min(max((1.0 if stands else wanted) - s.share, -step), unfelt)
+    step = settings.tick_s / (LINEAR_S if wanted > 0.0 else RAMP_S if e.wrong else LEAVE_S)
     s.linear_step = min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
     s.linear += s.linear_step
     if s.damping.wanted:

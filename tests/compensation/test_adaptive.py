@@ -481,6 +481,17 @@ def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
     assert bumps[1] < bumps[0] / 2, bumps
 
 
+def test_start_parameters_that_are_surely_wrong_shake_nothing(compensated) -> None:
+    """Start parameters with a spool of 18 Hz where it has 60, as sure as the right ones were: no half period has more than 1.1 times
+    plain control's bump, for the readings tell that the volts are wrong, and in the end a third is left."""
+    made, leg, done, plain = compensated
+    known = json.loads(json.dumps(made.parameters(done.state)))
+    known["numbers"]["ln_spool"] -= 1.2
+    peaks = run(made, leg, duration_s=12.0, state=made.restore(Context(period_s=2.0), known), seed=5).peaks(1.0)
+    assert peaks.max() < 1.1 * plain.peak(4.0, 10.0)
+    assert peaks[-1] < plain.peak(4.0, 10.0) / 3
+
+
 def _numbers(leg: int, count: int, first: int) -> Any:
     """A leg of a platform of two after so many ticks, one window in its fit that begins at tick `first`."""
     state = Adaptive().start(Context(mobility=(1.0, 0.1), leg=leg)).numbers
