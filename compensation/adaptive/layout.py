@@ -17,9 +17,6 @@ OLDER = WINDOWS  # place of an older window that is looked at again; those that 
 KEPT = 48  # older windows that are looked at again: some 25 s of a sine of 0.5 Hz
 MOST_DELAY = 6  # whole ticks of a valve's delay
 HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
-SEEN_POLES = (
-    3  # of the low pass over readings, 1: two leave more noise than bump at 18 um, four half of a bump of 20 Hz
-)
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
 
 f, i = "f8", "i8"
@@ -95,7 +92,8 @@ EXPECTED = record(
     scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, plain_V=f, loop=LOOP,
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
-    seen_filtered=(f, (SEEN_POLES,)), seen=f, seens2=(f, (HALVES,)), plain_halves=i, was_plain=i, wrong=i,  # as read
+    seen_filtered=(f, (3,)),  # two poles would leave more noise of 18 um than bump, four less than half of a bump of 20 Hz
+    seen=f, seens2=(f, (HALVES,)), plain_halves=i, was_plain=i, wrong=i,  # as read
 )  # fmt: skip
 # level: share of the probe; plain control's plays; those of `_through_hysteresis`
 PROBE = record(level=f, plain=(f, (2,)), plays=(f, (3,)))

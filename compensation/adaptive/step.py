@@ -8,7 +8,7 @@ engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE
                    one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last
                    half strokes, by what is known now; d what the model lacks. It leaves where e^2 + f^2 + d^2 are that share,
                    and a leg with start parameters stays by that rule from its first motion on. Readings that show more than
-                   MOST_SEEN times plain control's bump are f, and it leaves at once
+                   twice plain control's bump are f, and it leaves at once
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
 """
@@ -24,7 +24,7 @@ from .damping import damping_rate_1_s, damping_V, design_damping, oil_stiffness,
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
 from .fit import NARROW, follow, forward
 from .inverse import AHEAD, improve, keep_first, low_pass
-from .layout import HALVES, HISTORY, MOST_DELAY, QUEUE, SEEN_POLES
+from .layout import HALVES, HISTORY, MOST_DELAY, QUEUE
 from .leg import (
     AMP,
     AMP_LAG,
@@ -92,12 +92,6 @@ OFF_m, OFF_OUTSIDE_m = 5e-3, 5e-4
 COARSEST = 1.0 / 256.0  # of the range to one side: half a count of a converter of 8 bits
 # corner of the low pass over the acceleration that the position's readings show: noise of 3 um gives 0.03 m/s2, 18 um 0.17
 SEEN_HZ = 30.0
-# of w^4 f T noise^2, the variance behind that low pass: twice the integral of x^4/(1 + x^2)^3 over x = f/SEEN_HZ
-SEEN_SHARE = 3.0 * pi / 8.0
-MOST_NOISE2 = 16.0  # square of the standard deviations that the largest of a half stroke's noise may be
-# over what plain control was seen to make and over what it would make by the model, from which what is read is no chance: the largest
-# of a half stroke's noise scatters by a quarter
-MOST_SEEN = 2.0
 QUIET_TICKS = 20  # for which no leg may object
 
 
@@ -233,17 +227,19 @@ def _see(s):
     e, ref, y, now, tick_s = s.expected, s.reference, s.past.position_m, s.past.ticks - 1, s.settings.tick_s
     y0, y1, y2 = y[now & (HISTORY - 1)], y[(now - 1) & (HISTORY - 1)], y[(now - 2) & (HISTORY - 1)]
     seen = (y0 - 2.0 * y1 + y2) / (tick_s * tick_s) - (ref.velocity_m_s[1] - ref.velocity_m_s[0]) / tick_s
-    for k in range(SEEN_POLES):
+    for k in range(len(e.seen_filtered)):
         e.seen_filtered[k] += (1.0 - exp(-2.0 * pi * SEEN_HZ * tick_s)) * (seen - e.seen_filtered[k])
         seen = e.seen_filtered[k]
     e.seen = max(e.seen, abs(seen))
     if s.share > 0.0:
         e.was_plain = 0
-        noise2 = (2.0 * pi * SEEN_HZ) ** 4 * SEEN_SHARE * SEEN_HZ * tick_s * s.past.noise_m**2
-        plain2 = max(e.bump2, e.bump * e.bump, MOST_NOISE2 * noise2)
+        # behind the low pass: w^4 f T noise^2 times twice the integral of x^4/(1 + x^2)^3 over x = f/SEEN_HZ
+        noise2 = (2.0 * pi * SEEN_HZ) ** 4 * 3.0 * pi / 8.0 * SEEN_HZ * tick_s * s.past.noise_m**2
+        plain2 = max(e.bump2, e.bump * e.bump, 9.0 * noise2)  # noise up to three standard deviations
         for k in range(HALVES):
             plain2 = max(plain2, e.seens2[k])
-        if e.seen * e.seen > MOST_SEEN * MOST_SEEN * plain2:
+        # more than twice that is no chance: the largest of a half stroke's noise scatters by a quarter
+        if e.seen * e.seen > 2.0**2 * plain2:
             e.wrong = 1
             e.left = max(e.left, e.seen)
             e.left2 = max(e.left2, e.left * e.left / HALVES)

@@ -29,7 +29,6 @@ from hexsim.tracing.trace import trace
 
 MACHINE, BENCH, MOTION = "micro_motion_system", "bench", "heave"
 LEAK = "effects.leakage_supply_to_chamber.conductance_m3_s_Pa"
-HIDDEN_m3_s_Pa = 1.8e-12  # size of a worn piston seal
 RUNS = {"fit": ("multisine", 1), "validate": ("heave", 2)}  # scenario, seed of the sensors' noise
 
 Show = Callable[[str, float], None]
@@ -119,20 +118,25 @@ def compensated(plain: Run, folder: Path) -> Act:
     )
 
 
-def traced(folder: Path, show: Show) -> Act:
+def traced(
+    folder: Path,
+    show: Show,
+    *,
+    leak_m3_s_Pa: float = 1.8e-12,  # of a worn piston seal
+) -> Act:
     """Logs of a bench that leaks, held against a machine file that says nothing of it."""
     place = folder / "3_hidden"
     place.mkdir()
     bench = load_machine(BENCH)
     save_machine(bench, place / "machine.toml")
-    leaking = changed(bench, {LEAK: HIDDEN_m3_s_Pa})
+    leaking = changed(bench, {LEAK: leak_m3_s_Pa})
     for name, (scenario, seed) in RUNS.items():
         log = simulate(leaking, load_scenario(scenario), seed=seed).log
         write_log(log.select("time_s", *measured_columns(bench.n_legs)), place / f"{name}.parquet")
     result = trace(place, ["fit"], ["validate"], place / "trace", show)
     return Act(
         title="A hidden effect named",
-        sentence=found_sentence(result.report),
+        sentence=found_sentence(result.report, leak_m3_s_Pa),
         look="The waterfall: what the declared machine gets wrong on motion that no fit has seen, what better parameters "
         "would mend of it, and what the named effect takes away. Dotted: the noise of the sensors.",
         picture=waterfall(result),
@@ -141,10 +145,10 @@ def traced(folder: Path, show: Show) -> Act:
     )
 
 
-def found_sentence(report: dict[str, Any]) -> str:
+def found_sentence(report: dict[str, Any], leak_m3_s_Pa: float) -> str:
     """What was hidden, and what the trace says of it."""
     begun = (
-        f"A bench leaks {HIDDEN_m3_s_Pa:.2g} m³/s/Pa from the supply into its chamber, and its machine file does not say so; "
+        f"A bench leaks {leak_m3_s_Pa:.2g} m³/s/Pa from the supply into its chamber, and its machine file does not say so; "
         "from two logs of 20 s the trace names "
     )
     found = effect_rows(report)

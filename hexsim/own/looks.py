@@ -8,7 +8,7 @@ becomes may follow other effects there: those formulas stand in a model as they 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,13 +26,6 @@ from hexsim.own.problem import OwnProblem, problem_of
 
 Array = np.ndarray
 Look = tuple[OwnProblem, list[tuple[Form, list[str]]]]
-MEAN = {
-    0.0: 1.0 / 6.0,
-    0.5: 4.0 / 6.0,
-    1.0: 1.0 / 6.0,
-}  # share of a sample's duration -> weight, both 1: Simpson's rule
-SAMPLE = {0.0: 1.0}  # the same: at the sample itself
-COLUMNS = 128  # of a model, 1: their sum is below the longest formula; twice as many save a hundredth of the time
 
 
 def looks(
@@ -50,12 +43,18 @@ def looks(
 
 
 def as_columns(
-    folder: OwnFolder, columns: set[str], declared: Declaration, forms: Sequence[Form], about: Fit
+    folder: OwnFolder,
+    columns: set[str],
+    declared: Declaration,
+    forms: Sequence[Form],
+    about: Fit,
+    *,
+    count: int = 128,  # columns of a model: their sum is below the longest formula; twice as many save a hundredth of the time
 ) -> Iterator[Look]:
     """Formulas of one place by their values along the motion."""
     first = forms[0].candidate
     tag = next(name for k in range(1000) if not taken(name := f"look{k}", declared, columns))
-    given, sizes = [f"{tag}_{k}" for k in range(COLUMNS)], [f"{tag}_of_{k}" for k in range(COLUMNS)]
+    given, sizes = [f"{tag}_{k}" for k in range(count)], [f"{tag}_of_{k}" for k in range(count)]
     [key] = first.formulas
     text = " + ".join(f"{size} * {one}" for size, one in zip(sizes, given, strict=True))
     shared = replace(
@@ -70,8 +69,8 @@ def as_columns(
     base = problem_of(model, logs, folder.where)
     theta = theta_of(base, about)
     at = [model.inputs.index(name) for name in given]
-    values = Along(declared, folder.where, base, theta, SAMPLE if first.what == "output" else MEAN)
-    for part in parted(forms):
+    values = Along(declared, folder.where, base, theta, first.what == "output")
+    for part in parted(forms, count):
         offered, made = [], [record.inputs.copy() for record in base.records]
         column = 0
         for form in part:
@@ -90,11 +89,11 @@ def taken(name: str, declared: Declaration, columns: set[str]) -> bool:
     return any(one.startswith(name) for names in known for one in names)
 
 
-def parted(forms: Sequence[Form]) -> Iterator[list[Form]]:
+def parted(forms: Sequence[Form], count: int) -> Iterator[list[Form]]:
     """Parts with so many amplitudes that there are columns for them."""
     part: list[Form] = []
     for form in forms:
-        if sum(len(one.candidate.amplitude) for one in (*part, form)) > COLUMNS:
+        if sum(len(one.candidate.amplitude) for one in (*part, form)) > count:
             yield part
             part = []
         part.append(form)
@@ -103,14 +102,14 @@ def parted(forms: Sequence[Form]) -> Iterator[list[Form]]:
 
 
 class Along:
-    """Formulas along a model's motion. weights: share of a sample's duration -> weight of the values there."""
+    """Formulas along a model's motion: at its samples, or in the mean over each sample (Simpson's rule)."""
 
-    def __init__(
-        self, declared: Declaration, where: str, problem: OwnProblem, theta: Array, weights: Mapping[float, float]
-    ) -> None:
-        self.declared, self.where, self.weights = declared, where, weights
+    def __init__(self, declared: Declaration, where: str, problem: OwnProblem, theta: Array, at_samples: bool) -> None:
+        self.declared, self.where = declared, where
+        # share of a sample's duration -> weight of the values there
+        self.weights = {0.0: 1.0} if at_samples else {0.0: 1.0 / 6.0, 0.5: 4.0 / 6.0, 1.0: 1.0 / 6.0}
         self.read: dict[tuple[str, str], Expr] = {}
-        self.motions = [motion(problem, k, theta, list(weights)) for k in range(len(problem.records))]
+        self.motions = [motion(problem, k, theta, list(self.weights)) for k in range(len(problem.records))]
 
     def of(self, candidate: Candidate, amplitude: str) -> list[Array]:
         """What one of its amplitudes would add were it 1, along each record."""
