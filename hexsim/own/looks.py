@@ -65,7 +65,7 @@ def as_columns(
     )
     model = model_of(joined(declared, shared, neutral=True), folder.where, columns | set(given))
     model = replace(model, held=tuple(one in given or was for one, was in zip(model.inputs, model.held, strict=True)))
-    logs = [replace(log, columns=log.columns | dict.fromkeys(given, np.zeros(log.n))) for log in folder.fit]
+    logs = [replace(log, columns={**log.columns, **dict.fromkeys(given, np.zeros(log.n))}) for log in folder.fit]
     base = problem_of(model, logs, folder.where)
     theta = theta_of(base, about)
     at = [model.inputs.index(name) for name in given]
