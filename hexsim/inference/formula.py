@@ -258,7 +258,7 @@ def looked(
     ground: Ground,
     every: Sequence[Any],
     *,
-    most_starts: int = 3,  # of a formula's fits: the likeliest and, of a sine, one on either side of it
+    most_starts: int = 3,  # of a formula's fits, where the look cannot tell them apart: of a sine one on either side of the likeliest
 ) -> list[Look]:
     """Every formula to first order in the place of what is there instead, the likeliest first."""
     now, about = ground.now, ground.about
@@ -285,7 +285,8 @@ def looked(
     looks = []
     for starts in found.values():
         starts.sort(key=lambda look: -look.score)
-        looks.append(replace(starts[0], begins=[start.begins[0] for start in starts[:most_starts]]))
+        near = [start for start in starts[:most_starts] if starts[0].score - start.score < needed(1)]
+        looks.append(replace(starts[0], begins=[start.begins[0] for start in near]))
     return sorted(looks, key=lambda look: -look.score)
 
 
