@@ -227,8 +227,9 @@ def _see(s):
     e, ref, y, now, tick_s = s.expected, s.reference, s.past.position_m, s.past.ticks - 1, s.settings.tick_s
     y0, y1, y2 = y[now & (HISTORY - 1)], y[(now - 1) & (HISTORY - 1)], y[(now - 2) & (HISTORY - 1)]
     seen = (y0 - 2.0 * y1 + y2) / (tick_s * tick_s) - (ref.velocity_m_s[1] - ref.velocity_m_s[0]) / tick_s
+    share = 1.0 - exp(-2.0 * pi * SEEN_HZ * tick_s)
     for k in range(len(e.seen_filtered)):
-        e.seen_filtered[k] += (1.0 - exp(-2.0 * pi * SEEN_HZ * tick_s)) * (seen - e.seen_filtered[k])
+        e.seen_filtered[k] += share * (seen - e.seen_filtered[k])
         seen = e.seen_filtered[k]
     e.seen = max(e.seen, abs(seen))
     if s.share > 0.0:

@@ -8,9 +8,9 @@ becomes may follow other effects there: those formulas stand in a model as they 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,10 +21,11 @@ from hexsim.own.effects import Candidate, distinct, joined, with_values
 from hexsim.own.folder import OwnFolder
 from hexsim.own.forms import Form
 from hexsim.own.formulas import BOUNDS, Expr, valued
-from hexsim.own.model import model_of, resolver_of
+from hexsim.own.model import Resolver, model_of
 from hexsim.own.problem import OwnProblem, problem_of
 
 Array = np.ndarray
+T = TypeVar("T")
 Look = tuple[OwnProblem, list[tuple[Form, list[str]]]]
 
 
@@ -70,7 +71,7 @@ def as_columns(
     theta = theta_of(base, about)
     at = [model.inputs.index(name) for name in given]
     values = Along(declared, folder.where, base, theta, first.what == "output")
-    for part in parted(forms, count):
+    for part in parted(forms, lambda form: len(form.candidate.amplitude), count):
         offered, made = [], [record.inputs.copy() for record in base.records]
         column = 0
         for form in part:
@@ -89,14 +90,14 @@ def taken(name: str, declared: Declaration, columns: set[str]) -> bool:
     return any(one.startswith(name) for names in known for one in names)
 
 
-def parted(forms: Sequence[Form], count: int) -> Iterator[list[Form]]:
-    """Parts with so many amplitudes that there are columns for them."""
-    part: list[Form] = []
-    for form in forms:
-        if sum(len(one.candidate.amplitude) for one in (*part, form)) > count:
+def parted(own: Iterable[T], size: Callable[[T], int], most: int) -> Iterator[list[T]]:
+    """Parts that together are no larger than this; one alone may be."""
+    part: list[T] = []
+    for one in own:
+        if part and sum(map(size, part)) + size(one) > most:
             yield part
             part = []
-        part.append(form)
+        part.append(one)
     if part:
         yield part
 
@@ -116,7 +117,7 @@ class Along:
         [text] = candidate.formulas.values()
         key = text.removeprefix(candidate.unchanged), amplitude
         if key not in self.read:
-            resolver = resolver_of(self.declared, self.where)
+            resolver = Resolver(self.declared, self.where)
             self.read[key] = resolver.of(key[0], candidate.title).diff(resolver.symbols[amplitude])
         inside = {name: float(table.start or 0.0) for name, table in candidate.numbers.items()}
         found = []
@@ -151,7 +152,8 @@ def motion(problem: OwnProblem, k: int, theta: Array, shares: Sequence[float]) -
 def as_written(folder: OwnFolder, columns: set[str], declared: Declaration, forms: Sequence[Form]) -> Iterator[Look]:
     """Formulas of one place in one model as far as its formulas have room, with the numbers inside their functions fixed."""
     pairs = [(form, distinct(fixed(form.candidate), k)) for k, form in enumerate(forms)]
-    for part in fitting(pairs):
+    length = lambda pair: sum(map(len, pair[1].formulas.values())) + len(" + ")  # noqa: E731
+    for part in parted(pairs, length, BOUNDS.longest):
         model = model_of(joined(declared, merged([one for _, one in part]), neutral=True), folder.where, columns)
         yield problem_of(model, folder.fit, folder.where), [(form, list(one.amplitude)) for form, one in part]
 
@@ -166,19 +168,6 @@ def fixed(candidate: Candidate) -> Candidate:
         formulas={key: with_values(text, values) for key, text in candidate.formulas.items()},
         numbers={name: candidate.numbers[name] for name in candidate.amplitude},
     )
-
-
-def fitting(own: Sequence[tuple[Form, Candidate]]) -> Iterator[list[tuple[Form, Candidate]]]:
-    """Parts whose formulas together are no longer than a formula may be."""
-    part, room = [], BOUNDS.longest
-    for form, one in own:
-        length = sum(map(len, one.formulas.values())) + len(" + ")
-        if part and length > room:
-            yield part
-            part, room = [], BOUNDS.longest
-        part, room = [*part, (form, one)], room - length
-    if part:
-        yield part
 
 
 def merged(own: Sequence[Candidate]) -> Candidate:

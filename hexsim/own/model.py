@@ -83,20 +83,22 @@ def number_of(name: str, table: ParameterTable, where: str) -> Number:
 
 
 class Resolver:
-    """Names of a file to expressions, constants put in as they are named."""
+    """Names of a file to expressions, constants put in as they are named. elements: states of memory, with what a step does to them."""
 
-    def __init__(self, tables: ModelTables, where: str, states: Mapping[str, StateTable]) -> None:
-        self.where, self.tables, self.states = where, tables, states
+    def __init__(self, tables: ModelTables, where: str) -> None:
+        self.elements, given = memory_states(tables, where)
+        self.where, self.tables = where, tables
+        self.states = tables.states | {name: state for name, (state, _) in self.elements.items()}
         self.trees: dict[str, ast.expr] = {}
         self.symbols: dict[str, sympy.Symbol] = {}
         self.done: dict[str, Expr] = {}
         self.inputs: list[str] = []
         self.nodes = 0
-        for name in (*states, *tables.parameters, *CLOCK):
+        for name in (*self.states, *tables.parameters, *CLOCK):
             self.symbols[name] = sympy.Symbol(name, real=True)
         self.given: dict[str, str] = {
             key: value if isinstance(value, str) else repr(value) for key, value in tables.constants.items()
-        }
+        } | given
 
     def of(self, text: str, place: str, depth: int = 0) -> Expr:
         """The expression of a formula; a name that is nothing else is a column of the logs."""
@@ -119,22 +121,13 @@ class Resolver:
         return self.symbols[name]
 
 
-def resolver_of(tables: ModelTables, where: str) -> Resolver:
-    """With the states of memory elements and what they give."""
-    elements, given = memory_states(tables, where)
-    resolver = Resolver(tables, where, {**tables.states, **{name: state for name, (state, _) in elements.items()}})
-    resolver.given |= given
-    return resolver
-
-
 def model_of(tables: ModelTables, where: str, columns: set[str] | None = None) -> Model:
     """The model of a file. columns: those of the logs; a name that is neither is refused. Raises HexsimError."""
     if not tables.states and not tables.outputs:
         raise HexsimError(f"{where}: a model that is simulated has [states] or [outputs]")
-    elements, _ = memory_states(tables, where)
+    resolver = Resolver(tables, where)
     check_names(tables, where)
-    resolver = resolver_of(tables, where)
-    states = resolver.states
+    elements, states = resolver.elements, resolver.states
     rates, after = [], []
     for name, state in states.items():
         place = f"[states.{name}]"

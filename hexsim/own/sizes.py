@@ -107,7 +107,7 @@ def storage_of(problem: OwnProblem, theta: Array, name: str) -> float:
     """Value of a state's storage with the numbers there are (states in it: at their means)."""
     model = problem.simulator.model
     table = model.tables.states[name]
-    value = Resolver(model.tables, "storage", model.tables.states).of(table.storage, f"[states.{name}]")
+    value = Resolver(model.tables, "storage").of(table.storage, f"[states.{name}]")
     named = {number.name: float(one) for number, one in zip(problem.numbers, theta, strict=True)}
     value = value.xreplace(
         {symbol: sympy.Float(named[str(symbol)]) for symbol in value.free_symbols if str(symbol) in named}
