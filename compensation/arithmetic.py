@@ -45,6 +45,13 @@ def fill_zero(history):
 
 @compiled
 def copy(source, target):
-    """All numbers of `source` into `target`."""
+    """All numbers of `source` into `target`. (A slice assignment brings an error path, and room for arrays that overlap.)"""
     for i in range(len(source)):
         target[i] = source[i]
+
+
+@compiled
+def copy_rows(source, target):
+    """`copy` of a matrix."""
+    for i in range(len(source)):
+        copy(source[i], target[i])

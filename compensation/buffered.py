@@ -13,7 +13,7 @@ import numpy as np
 
 from .arithmetic import clip
 from .compensator import Context, Parameters
-from .compiled import compiled
+from .compiled import compiled, in_its_caller
 from .iterative import FITS
 from .learned_parameters import beyond_volts
 from .report_functions import MOST_RANGES, RANGE, check_function, compensation_V
@@ -120,7 +120,7 @@ class Buffered(RowCompensator):
         return state
 
 
-@compiled
+@in_its_caller
 def curve_of(row, number):
     """The numbers of a curve."""
     each = (B.ESTIMATE - B.CURVE) // 2

@@ -41,12 +41,17 @@ SHARED = (
 FOLDERS = ("adaptive",)  # every file of these
 
 
-def compiled(function: Callable[..., Any], *, forceinline: bool = False) -> Any:
-    """`function` as a native one. It gets records and arrays of the state layout and allocates nothing. forceinline: into its callers.
+# Into the functions that call it: it returns part of an array, or would be compiled with all of an algorithm once more.
+in_its_caller = njit(inline="always")
+
+
+def compiled(function: Callable[..., Any], *, forceinline: bool = False, hands_views: bool = False) -> Any:
+    """`function` as a native one. It gets records and arrays of the state layout, allocates nothing and counts no references: who
+    calls holds the arrays. forceinline: into its callers. hands_views: it returns arrays at an address, which nobody owns.
 
     Compiled callers share one native function for all constants and lengths that they give it, where numba makes one for each.
     """
-    options = {"cache": True, "error_model": "numpy", "fastmath": False, "nogil": True, "forceinline": forceinline}
+    options = {"cache": True, "error_model": "numpy", "fastmath": False, "nogil": True, "forceinline": forceinline, "_nrt": hands_views}
     options["no_cfunc_wrapper"] = True  # C gets callbacks alone; a twelfth of the time to compile
     try:
         dispatcher = njit(**options)(function)
@@ -54,12 +59,17 @@ def compiled(function: Callable[..., Any], *, forceinline: bool = False) -> Any:
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(**options)(function)
     check_cache(dispatcher, sources_digest())
-    return linked(dispatcher, options, _general)
+    return linked(dispatcher, options, _general, hands_views)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
     """`compiled`, for what is called in the innermost loops: a fifth of a tick's time is the calls."""
     return compiled(function, forceinline=True)
+
+
+def views(function: Callable[..., Any]) -> Any:
+    """`compiled`, for what returns arrays at an address."""
+    return compiled(function, hands_views=True)
 
 
 def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
-from .compiled import compiled
+from .compiled import views
 from .records import record
 
 STEP, SHARE = range(2)  # what is asked of a tick
@@ -56,31 +56,37 @@ def call_tick(typingctx: Any, address: Any, desk: Any, what: Any) -> Any:  # typ
     return types.void(types.int64, types.voidptr, types.int64), codegen
 
 
-@compiled
+@views
 def doubles(address, n):
     """n doubles at an address."""
     return carray(pointer(address), (n,), np.float64)
 
 
-@compiled
+@views
 def rows(address, n, width):
     """n rows of doubles at an address."""
     return carray(pointer(address), (n, width), np.float64)
 
 
-@compiled
+@views
 def integers(address, n):
     """n integers at an address."""
     return carray(pointer(address), (n,), np.int64)
 
 
-@compiled
+@views
 def truths(address, n):
     """n truth values at an address."""
     return carray(pointer(address), (n,), np.bool_)
 
 
-@compiled
+@views
+def on_desk(address):
+    """The LEGS at an address."""
+    return carray(pointer(address), (1,), LEGS)[0]
+
+
+@views
 def legs_on(desk):
     """Of all n legs on a desk whose states are rows of doubles: states (n, size), acts, finite (n,), and what the report's algorithms
     read and leave, each (n,): added volts, control volts, valve's volts, position [m], bottom pressure [Pa]."""

@@ -23,13 +23,13 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import carray
+
 
 from . import compensator, volts_bound
 from .arithmetic import next_noise, push
 from .compensator import Compensator, Context, Parameters, Sample, Wrapped
 from .compiled import compiled
-from .desk import LEGS, SHARE, STEP, call_tick, doubles, integers, pointer, rows, truths
+from .desk import SHARE, STEP, call_tick, doubles, integers, on_desk, pointer, rows, truths
 from .knowledge import Knowledge
 from .learned_parameters import check_parameters
 from .legs import Legs, OneByOne, Together, stepper
@@ -364,7 +364,7 @@ def accept_legs(guards, todo, added_V, forward_V, finite, reasons):
 def step_desk(guards, todo, reasons, desk, step):
     """One tick of guards (n,) and of an algorithm's legs on a desk. desk, step: addresses of its LEGS and of a `desk.TICK`.
     Returns whether all act, and whether a reason has changed."""
-    d = carray(pointer(desk), (1,), LEGS)[0]
+    d = on_desk(desk)
     n, acts = d.n, truths(d.acts, d.n)
     all_act = check_legs(
         guards,
@@ -390,7 +390,7 @@ def step_desk(guards, todo, reasons, desk, step):
 @compiled
 def share_desk(reasons, desk, step):
     """What legs have just learned, to those that are alike."""
-    d = carray(pointer(desk), (1,), LEGS)[0]
+    d = on_desk(desk)
     acts = truths(d.acts, d.n)
     for i in range(d.n):
         acts[i] = acts[i] and reasons[i] == Reason.SOUND

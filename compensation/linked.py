@@ -12,13 +12,13 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import binding
-from numba import njit
+from numba import njit, types
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.environment import lookup_environment
 from numba.core.registry import cpu_target
 
-_FOR_CALLERS: list[bool] = []  # of the functions that are being compiled, each within the one before
+_COMPILING: list[dict[str, Any]] = []  # options of the functions that are being compiled, each within the one before
 
 
 class Library(JITCodeLibrary):
@@ -26,7 +26,7 @@ class Library(JITCodeLibrary):
 
     def __init__(self, codegen: Any, name: str) -> None:
         super().__init__(codegen, name)
-        self.for_callers = bool(_FOR_CALLERS) and _FOR_CALLERS[-1]
+        self.for_callers = bool(_COMPILING) and _is_inner(_COMPILING[-1])
 
     @property
     def codegen(self) -> Any:
@@ -72,11 +72,27 @@ class Library(JITCodeLibrary):
 
 class _Nesting(event.Listener):
     def on_start(self, event: Any) -> None:
-        options = getattr(event.data["dispatcher"], "targetoptions", {})  # a lifted loop has none
-        _FOR_CALLERS.append(bool(options.get("no_cpython_wrapper")))
+        _COMPILING.append(getattr(event.data["dispatcher"], "targetoptions", {}))  # a lifted loop has none
 
     def on_end(self, event: Any) -> None:
-        _FOR_CALLERS.pop()
+        options, dispatcher = _COMPILING.pop(), event.data["dispatcher"]
+        made = getattr(dispatcher, "overloads", {}).get(event.data["args"])
+        if made is not None and not _counts(options) and not _is_inner(options) and _holds_array(made.signature.return_type):
+            raise TypeError(f"{dispatcher.py_func.__name__} returns an array to Python, and counts no references: it must allocate")
+
+
+def _is_inner(options: dict[str, Any]) -> bool:
+    """Is it a function that compiled ones alone ask for?"""
+    return bool(options.get("no_cpython_wrapper"))
+
+
+def _counts(options: dict[str, Any]) -> bool:
+    """Does code of these options count who holds an array?"""
+    return bool(options.get("_nrt", True))
+
+
+def _holds_array(kind: Any) -> bool:
+    return isinstance(kind, types.Array) or (isinstance(kind, types.BaseTuple) and any(map(_holds_array, kind)))
 
 
 # private names of numba that this stands on: where a version lacks one, functions are compiled as numba does
@@ -97,8 +113,13 @@ if KNOWN:
     event.register("numba:compile", _Nesting())
 
 
-def linked(dispatcher: Any, options: dict[str, Any], general: Callable[[Any], Any] = lambda kind: kind) -> Any:
-    """The dispatcher, whose compiled callers get another one's signatures, which Python cannot call. general: the type they ask for."""
+def linked(
+    dispatcher: Any, options: dict[str, Any], general: Callable[[Any], Any] = lambda kind: kind, hands_views: bool = False
+) -> Any:
+    """The dispatcher, whose compiled callers get another one's signatures, which Python cannot call. general: the type they ask for.
+
+    hands_views: the arrays that it returns have no owner, so that whoever counts may have them.
+    """
     if not hasattr(dispatcher, "get_call_template"):
         return dispatcher  # numba is switched off
     without: Any = options | {"no_cpython_wrapper": True}
@@ -113,7 +134,10 @@ def linked(dispatcher: Any, options: dict[str, Any], general: Callable[[Any], An
     template = inner.get_call_template
 
     def get_call_template(args: Any, kws: Any) -> Any:
-        return template(tuple(map(general, args)), {name: general(kind) for name, kind in kws.items()})
+        found = template(tuple(map(general, args)), {name: general(kind) for name, kind in kws.items()})
+        if _COMPILING and not hands_views and _counts(_COMPILING[-1]) != _counts(options) and any(_holds_array(s.return_type) for s in found[3]):
+            raise TypeError(f"{dispatcher.py_func.__name__} hands an array to code that counts references otherwise")
+        return found
 
     dispatcher.get_call_template, dispatcher.get_overload = get_call_template, inner.get_overload
     return dispatcher

@@ -17,14 +17,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
+from .compiled import in_its_caller
 from .compensator import MOST_LEGS, Compensator, Context, Parameters
 from .guard import GUARD, Todo, accept, check, start_guard
 
-# Into the one function that C calls: each level of calls would be compiled with all of the algorithm in it.
-in_its_caller = njit(inline="always")
 EXPORTED = ("adaptive",)  # algorithms that are compiled throughout
 LOADS = 32  # of a preview, more than any algorithm looks ahead
 # What is given before a tick, for that tick alone: `Sample.load_preview_m_s2`, and what all legs of a platform do.

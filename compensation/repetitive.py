@@ -31,7 +31,7 @@ from .adaptive.leg import GAIN_DN, GAIN_UP, valve_lag_s
 from .adaptive.legs import AdaptiveLegs
 from .arithmetic import clip
 from .compensator import Context, Parameters, Sample
-from .compiled import compiled, compiled_callback
+from .compiled import compiled, compiled_callback, in_its_caller
 from .desk import LEGS, STEP, TICK, call_tick, doubles, pointer, rows, truths
 from .legs import Legs
 
@@ -145,7 +145,7 @@ class RepetitiveLegs(AdaptiveLegs):
         correct_legs(self.rows, self.joined, acts, legs.position_m, added, finite)
 
 
-@compiled
+@in_its_caller
 def table_of(row):
     """The correction over the period [V]."""
     n = int(row[R.PERIOD])

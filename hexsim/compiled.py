@@ -29,14 +29,14 @@ from compensation.linked import linked
 LOCK = "numba:compiler_lock"
 
 
-def compiled(function: Callable[..., Any], other_sources: str = "") -> Any:
+def compiled(function: Callable[..., Any], other_sources: str = "", *, allocates: bool = False) -> Any:
     """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once.
 
-    other_sources: digest of what it calls or whose layouts it holds of other packages.
+    other_sources: digest of what it calls or whose layouts it holds of other packages. allocates: see `allocating`.
     """
     is_inlined = function.__module__.startswith("hexsim.hydraulics.")
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_inlined}
-    options |= {"nogil": True, "no_cfunc_wrapper": True}  # threads run side by side; C gets callbacks alone
+    options |= {"_nrt": allocates, "nogil": True, "no_cfunc_wrapper": True}  # threads run side by side; C gets callbacks alone
     try:
         dispatcher = njit(**options)(function)
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
@@ -44,6 +44,12 @@ def compiled(function: Callable[..., Any], other_sources: str = "") -> Any:
         dispatcher = njit(**options)(function)
     check_cache(dispatcher, sources_digest() + other_sources)
     return linked(dispatcher, options)
+
+
+def allocating(function: Callable[..., Any]) -> Any:
+    """`compiled`, for what makes arrays. All others count no references: who calls holds the arrays, as the Python caller of a compiled
+    function does. Counting costs as much as a leg's equations, and the compiler must load every parameter again after each."""
+    return compiled(function, allocates=True)
 
 
 def compiled_callback(signature: Any, other_sources: str = "") -> Callable[[Callable[..., Any]], Any]:

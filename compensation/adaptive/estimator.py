@@ -13,7 +13,7 @@ from math import exp, log, sqrt, tanh
 
 import numpy as np
 
-from ..arithmetic import next_noise
+from ..arithmetic import copy, copy_rows, next_noise
 from ..compensator import MEASURED_TICKS
 from ..compiled import compiled
 from .fit import (
@@ -248,8 +248,8 @@ def collect(s):
         if s.platform:
             for i in range(settings.legs):
                 window.forces_N[j, i] = _quiet_force(past, k, i, noise2)
-            window.speeds_m_s[j] = past.speeds_m_s[k]
-            window.mobility[j] = past.mobility[k]
+            copy(past.speeds_m_s[k], window.speeds_m_s[j])
+            copy(past.mobility[k], window.mobility[j])
             window.fitted[j] = 0
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
@@ -262,7 +262,7 @@ def collect(s):
     for j in range(3):
         window.measured[2] += window.bottom_Pa[j] / 3.0
         window.measured[3] += window.top_Pa[j] / 3.0
-    window.start[:] = window.measured
+    copy(window.measured, window.start)
     window.reversal = 1.0 if turned or slowest < limit else 0.0
     past.force_ticks = min(past.force_ticks + 1.0, 40.0)
     past.force_N += (mean / WINDOW - past.force_N) / past.force_ticks
@@ -294,7 +294,7 @@ def _begin_fold(s):
         fit.to_fold += 1
         if place >= WINDOWS:
             _start_pass(s, fit.best.numbers, False)
-            fit.trial.start[place % WINDOWS] = fit.best.start[place % WINDOWS]
+            copy(fit.best.start[place % WINDOWS], fit.trial.start[place % WINDOWS])
             fit.at_window, fit.folding = place % WINDOWS, 1
             return True
     return False
@@ -310,11 +310,17 @@ def _begin_look(s):
     fit.looked += 1
     fit.again = (fit.again + 1) % min(fit.kept, KEPT)
     kept = s.older[fit.again]
-    window.position_m[:], window.bottom_Pa[:], window.top_Pa[:] = kept.position_m, kept.bottom_Pa, kept.top_Pa
-    window.supply_Pa[:], window.load_N[:], window.volts[:] = kept.supply_Pa, kept.load_N, kept.volts
-    window.measured[:], window.doubt_N[:], window.first = kept.measured, kept.doubt_N, kept.first
+    copy(kept.position_m, window.position_m)
+    copy(kept.bottom_Pa, window.bottom_Pa)
+    copy(kept.top_Pa, window.top_Pa)
+    copy(kept.supply_Pa, window.supply_Pa)
+    copy(kept.load_N, window.load_N)
+    copy(kept.volts, window.volts)
+    copy(kept.measured, window.measured)
+    copy(kept.doubt_N, window.doubt_N)
+    window.first = kept.first
     _start_pass(s, fit.best.numbers, False)
-    fit.trial.start[OLDER] = kept.start
+    copy(kept.start, fit.trial.start[OLDER])
     fit.at_window, fit.folding = OLDER, 1
     return True
 
@@ -333,7 +339,7 @@ def _begin_start(s):
             if s.platform:
                 _load_windows(s, fit.best.numbers, n, n + 1)
             _start_pass(s, fit.best.numbers, False)
-            fit.trial.start[n] = window.start
+            copy(window.start, fit.trial.start[n])
             fit.at_window, fit.folding = n, STARTS
             return True
     return False
@@ -352,9 +358,15 @@ def _keep_window(s, n):
     fit, window = s.fit, s.windows[n]
     kept = s.older[fit.kept % KEPT]
     fit.kept += 1
-    kept.position_m[:], kept.bottom_Pa[:], kept.top_Pa[:] = window.position_m, window.bottom_Pa, window.top_Pa
-    kept.supply_Pa[:], kept.load_N[:], kept.volts[:] = window.supply_Pa, window.load_N, window.volts
-    kept.measured[:], kept.doubt_N[:], kept.first = window.measured, window.doubt_N, window.first
+    copy(window.position_m, kept.position_m)
+    copy(window.bottom_Pa, kept.bottom_Pa)
+    copy(window.top_Pa, kept.top_Pa)
+    copy(window.supply_Pa, kept.supply_Pa)
+    copy(window.load_N, kept.load_N)
+    copy(window.volts, kept.volts)
+    copy(window.measured, kept.measured)
+    copy(window.doubt_N, kept.doubt_N)
+    kept.first = window.first
     fade = exp(-(window.first - fit.folded_until) * s.settings.tick_s / MEMORY_S)
     fit.folded_until = window.first
     fit.folded_H *= fade
@@ -479,7 +491,7 @@ def _load_windows(s, numbers, first, last):
     fit, settings = s.fit, s.settings
     for i in range(settings.legs):
         if i != settings.leg and not s.heard[i]:
-            s.others[i] = numbers
+            copy(numbers, s.others[i])
             s.mean_N[i] = 0.0
             for w in range(fit.count):
                 for k in range(WINDOW):
@@ -514,8 +526,8 @@ def _start_pass(s, numbers, fresh):
         fit.jitter_s = s.past.jitter_s
         fit.colour, fit.new = colour_of(fit.rough_before)
         for w in range(fit.count):
-            fit.trial.start[w] = s.windows[w].start
-    fit.trial.numbers[:] = numbers
+            copy(s.windows[w].start, fit.trial.start[w])
+    copy(numbers, fit.trial.numbers)
     fit.rough[:] = 0.0
     fit.trial.H[:, :] = 0.0
     fit.trial.g[:] = 0.0
@@ -553,9 +565,9 @@ def _work_tick(s):
     window, heat = s.windows[n], HEATS[fit.stage]
     age_s = window.first * s.settings.tick_s
     if k == 0:
-        fit.of_window[:] = trial.numbers
+        copy(trial.numbers, fit.of_window)
         _drift(fit.of_window, age_s)
-        fit.scale[N_NUMBERS + N_STATE :] = window.doubt_N
+        copy(window.doubt_N, fit.scale[N_NUMBERS + N_STATE :])
         behind_backlash(
             window.volts, trial.numbers[PLAY], trial.numbers[SPREAD], fit.arriving, fit.by_half, fit.by_spread
         )
@@ -650,7 +662,7 @@ def _propose(s):
     if fit.gain < 0.0:  # what numbers held on bounds ask of the others
         return False
     for n in range(fit.count):
-        fit.scale[N_NUMBERS + N_STATE :] = s.windows[n].doubt_N
+        copy(s.windows[n].doubt_N, fit.scale[N_NUMBERS + N_STATE :])
         for j in range(fit.starts):
             step = best.kb[n, j]
             for k in range(N_NUMBERS):
@@ -706,11 +718,11 @@ def _keep_known(s):
     _take_along(fit.L, DRIFT, DEAD_DN, -now_s * fit.sd[DRIFT] / fit.sd[DEAD_DN])
     if not cholesky(fit.L, N_NUMBERS):
         return
-    known.factor[:, :] = fit.L
-    known.numbers[:] = best.numbers
+    copy_rows(fit.L, known.factor)
+    copy(best.numbers, known.numbers)
     _drift(known.numbers, now_s)
-    known.sd[:] = fit.sd
-    known.chi2[:] = fit.chi2
+    copy(fit.sd, known.sd)
+    copy(fit.chi2, known.chi2)
     known.valid = 1
     if s.platform:
         _keep_alone(fit, known)
@@ -791,16 +803,16 @@ def _tell_number(s, k):
 @compiled
 def _begin_again(s, numbers):
     """The next pass begins at numbers, and every window where it was measured."""
-    s.fit.best.numbers[:] = numbers
+    copy(numbers, s.fit.best.numbers)
     for n in range(s.fit.count):
-        s.windows[n].start[:] = s.windows[n].measured
+        copy(s.windows[n].measured, s.windows[n].start)
 
 
 @compiled
 def _elsewhere(fit, which):
     """Numbers near another minimum into fit.proposed: the valve's lag stays."""
     n = fit.proposed
-    n[:] = fit.best.numbers
+    copy(fit.best.numbers, n)
     late_s = valve_lag_s(n)
     if which == BRISTLE:
         n[GIVE] -= ELSEWHERE * fit.sd[GIVE]
@@ -822,11 +834,11 @@ def _begin_try(s):
     """The fit begins near another minimum, beside what was found, with the noise large again. What older windows said is set aside: it
     was said in the linearisation at this minimum."""
     fit = s.fit
-    fit.before[:] = fit.best.numbers
-    fit.chi2_before[:] = fit.chi2
+    copy(fit.best.numbers, fit.before)
+    copy(fit.chi2, fit.chi2_before)
     fit.throughout_before = fit.throughout
-    fit.aside_H[:, :] = fit.folded_H
-    fit.aside_g[:] = fit.folded_g
+    copy_rows(fit.folded_H, fit.aside_H)
+    copy(fit.folded_g, fit.aside_g)
     fit.aside_cost, fit.aside_kept = fit.folded_cost, fit.kept
     _forget_folded(fit)
     _elsewhere(fit, (fit.tries + (0 if s.share == 0.0 else 1)) % TRIES)  # compensated reversals show the spool
@@ -844,9 +856,9 @@ def _end_try(s):
         _keep_known(s)
         return
     _begin_again(s, fit.before)
-    fit.chi2[:] = fit.chi2_before
-    fit.folded_H[:, :] = fit.aside_H
-    fit.folded_g[:] = fit.aside_g
+    copy(fit.chi2_before, fit.chi2)
+    copy_rows(fit.aside_H, fit.folded_H)
+    copy(fit.aside_g, fit.folded_g)
     fit.folded_cost, fit.kept = fit.aside_cost, fit.aside_kept
 
 
@@ -921,13 +933,14 @@ def _end_pass(s):
             held = 2.0 * (fit.best.cost - trial.cost) / max(fit.gain, 1e-30) - 1.0
             fit.damping *= max(1.0 / 3.0, 1.0 - held * held * held)
         fit.best = trial
-        fit.rough_before[:] = fit.rough
+        copy(fit.rough, fit.rough_before)
         fit.has_best = 1
         for n in range(fit.count):
-            s.windows[n].start[:] = trial.start[n]
-            s.windows[n].chi[:] = trial.chi[n]
+            copy(trial.start[n], s.windows[n].start)
+            copy(trial.chi[n], s.windows[n].chi)
             if fit.stage == LAST_STAGE and not fit.trying:
-                s.windows[n].friction_N[:], s.windows[n].tells = trial.friction_N[n], 1
+                copy(trial.friction_N[n], s.windows[n].friction_N)
+                s.windows[n].tells = 1
         if fit.stage == LAST_STAGE and not fit.trying:
             _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, fit.chi2)
             if is_known_leg(fit.chi2):  # otherwise not before it has settled
@@ -981,7 +994,7 @@ def work(s):
             elif fit.settled:
                 return
             elif begins:
-                fit.proposed[:] = fit.best.numbers
+                copy(fit.best.numbers, fit.proposed)
                 _start_pass(s, fit.proposed, True)
             else:
                 if not _propose(s):
@@ -1005,8 +1018,9 @@ def hear_windows(s, other):
     """What another leg has fitted of its friction, into the windows that both have seen. One may have begun later: ages are compared."""
     i = other.settings.leg
     s.heard[i] = SETTLED if other.known.valid and is_settled(other) else other.known.valid
-    s.others[i] = other.known.numbers
-    s.alone[i], s.alone_variance[i] = other.known.alone, other.known.alone_variance
+    copy(other.known.numbers, s.others[i])
+    copy(other.known.alone, s.alone[i])
+    copy(other.known.alone_variance, s.alone_variance[i])
     if not other.known.valid:
         return
     begun_later = other.past.ticks - s.past.ticks

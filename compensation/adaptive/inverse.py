@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from math import inf
 
+from ..arithmetic import copy, copy_rows
 from ..compiled import compiled
 from .fit import backward, cholesky, forward
 from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_TICK, V, Y, tangent, tick
@@ -48,8 +49,8 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, e
     """Residuals r (4 AHEAD,) of volts U (AHEAD,) from the state x. before, older: the volts sent last. y, v (AHEAD + 1,): demanded at
     the window's ticks. extra (AHEAD,): by the other legs [N]. path (AHEAD + 1, N_STATES) takes the states. Ends where the cost is
     beyond `most`."""
-    s[:] = x
-    path[0, :] = x
+    copy(x, s)
+    copy(x, path[0])
     g0, g1 = filtered[0], filtered[1]
     cost, tick_s, rough = 0.0, sheet[S_TICK], roughness(th)
     for i in range(AHEAD):
@@ -57,7 +58,7 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, e
         last2 = U[i - 2] if i > 1 else (before if i == 1 else older)
         speed = s[V]
         tick(s, none, th, sheet, U[i], last, split, supply, extra[i], w)
-        path[i + 1, :] = s
+        copy(s, path[i + 1])
         e = ((s[V] - speed) - (v[i + 1] - v[i])) / tick_s
         o = sheet[S_PASS] * e + g0
         g0 = 2.0 * sheet[S_PASS] * e - sheet[S_POLE1] * o + g1
@@ -87,7 +88,7 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
             d_now[i - 1], d_before[i - 1] = 0.0, 1.0
         if i > 1:
             d_before[i - 2] = 0.0
-        s[:] = path[i]
+        copy(path[i], s)
         last = U[i - 1] if i > 0 else before
         for j in range(i + 1):
             J[i, j] = -S[V, j]
@@ -157,9 +158,9 @@ def _smooth(U, before):
 @compiled
 def _take(U, r, path, other, its_r, its_path):
     """Other volts, with their residuals and states."""
-    U[:] = other
-    r[:] = its_r
-    path[:, :] = its_path
+    copy(other, U)
+    copy(its_r, r)
+    copy_rows(its_path, path)
 
 
 @compiled
@@ -225,7 +226,7 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
         _smooth(ws.steady, before)
         other = _solve(x, ws.steady, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws)
         if other < cost:
-            U[:] = ws.steady
+            copy(ws.steady, U)
             return other
     return cost
 

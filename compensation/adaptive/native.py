@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..compensator import MOST_LEGS, Context
-from ..compiled import compiled
 from ..guard import TELLS
-from ..native import Native, in_its_caller
+from ..compiled import compiled, in_its_caller
+from ..native import Native
 from ..prediction import prediction_table
 from ..records import record
 from .adaptive import Adaptive, AdaptiveState

@@ -10,6 +10,7 @@ from math import log, pi, tan
 
 import numpy as np
 
+from ..arithmetic import copy
 from ..compiled import compiled
 from .fit import N_STATE, STATE_SCALE
 from .inverse import FELT_HZ
@@ -215,7 +216,8 @@ def fill_prior(fit, settings, hold_N):
     fit.low[LN_STRIBECK], fit.high[LN_STRIBECK] = log(5e-4), log(0.08)  # [m/s]
     if settings.spool_frequency_Hz > 0.0:
         fit.mean[LN_SPOOL], fit.sd[LN_SPOOL] = log(settings.spool_frequency_Hz), 0.25
-    fit.kind_mean[:], fit.kind_sd[:] = fit.mean, fit.sd
+    copy(fit.mean, fit.kind_mean)
+    copy(fit.sd, fit.kind_sd)
     for k in range(N_NUMBERS):
         fit.scale[k] = fit.sd[k]
     for k in range(N_STATE):

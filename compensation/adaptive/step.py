@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from math import exp, pi, sin, sqrt
 
+from ..arithmetic import copy
 from ..compiled import compiled, inlined
 from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
@@ -286,8 +287,8 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     e.bump = max(e.bump, abs(b))
     e.left = max(e.left, abs(left))
     # the numbers' doubt in the compensated motion
-    e.x[:] = s.inverse.x
-    e.speed[:] = e.S[V]
+    copy(s.inverse.x, e.x)
+    copy(e.S[V], e.speed)
     tangent(
         e.x,
         e.S,
@@ -315,7 +316,7 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     doubt2 = _variance(s, e.row)
     if doubt2 > e.sigma:
         e.sigma = doubt2
-        e.worst[:] = e.row
+        copy(e.row, e.worst)
     peak = a * e.acceleration < 0.0
     if v * e.velocity < 0.0:
         e.turned = 1
@@ -328,7 +329,8 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     if peak and (e.turned or not e.begun):  # the middle of a stroke: a reversal lies behind
         if e.begun and e.bump > 0.0:  # and all of the half stroke
             k = e.halves % HALVES
-            e.bumps2[k], e.lefts2[k], e.rows[k] = e.bump * e.bump, e.left * e.left, e.worst
+            e.bumps2[k], e.lefts2[k] = e.bump * e.bump, e.left * e.left
+            copy(e.worst, e.rows[k])
             e.halves += 1
             e.bump2 = e.left2 = 0.0
             for k in range(HALVES):
@@ -503,7 +505,7 @@ def tick_of(
     if not s.known.valid:
         return 0.0
     if s.numbers[MASS] == 0.0:
-        s.numbers[:] = s.known.numbers
+        copy(s.known.numbers, s.numbers)
         ref.stale = QUEUE
     for k in range(N_NUMBERS):
         s.numbers[k] += settings.tick_s / FOLLOW_S * (s.known.numbers[k] - s.numbers[k])

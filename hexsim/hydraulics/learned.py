@@ -5,7 +5,7 @@ tau dm/dt = s - m         m in place of the signal s where the term has a memory
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 from hexsim.hydraulics import friction
 from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
 from hexsim.signals.lag import lag_weights
@@ -57,7 +57,7 @@ def memory_rate(p, y, v, volts, P1, Ps, t, memory):
     return (signal_of(p, y, v, volts, P1, Ps, t) - memory) / p[P.LEARNED_MEMORY]
 
 
-@compiled
+@allocating
 def memories(p, y, v, volts, P1, Ps, t):
     """m (n,) of every sample of measured signals (n,), straight between samples; zeros of a term without a memory."""
     m = np.zeros(y.shape[0])

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 from hexsim.hydraulics import chamber, friction, learned, manifold, rod_side, valve
 from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, ROD_SIDE_PORT, ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import (
@@ -277,7 +277,7 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h, memory=0.0):
     return (ds1, ds2, dx, acceleration, dz), x, flow
 
 
-@compiled
+@allocating
 def valve_volts(volts, hysteresis, delay_samples, spread=0.0):
     """What reaches the spool after delay and hysteresis, sample by sample: (n,) -> (n,). Starts at rest at volts[0].
 

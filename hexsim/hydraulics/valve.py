@@ -124,18 +124,14 @@ def clearance_conductance(x, overlap, conductance, length):
     return conductance / (1.0 + max(overlap - x, 0.0) / length)
 
 
-@compiled
-def delay_in_ticks(delay_s, tick_s):
+def delay_in_ticks(delay_s: np.ndarray, tick_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Whole ticks of each delay (n_legs,), and what is left of a tick [s]: the volts, constant over a tick, change within one.
 
     A rest below a millionth of a tick is rounding.
     """
-    whole, rest = np.empty(delay_s.shape[0], np.int64), np.empty(delay_s.shape[0])
-    for i in range(delay_s.shape[0]):
-        whole[i] = math.floor(delay_s[i] / tick_s + 1e-6)
-        left = delay_s[i] - whole[i] * tick_s
-        rest[i] = left if left > 1e-6 * tick_s else 0.0
-    return whole, rest
+    whole = np.floor(delay_s / tick_s + 1e-6).astype(np.int64)
+    rest = delay_s - whole * tick_s
+    return whole, np.where(rest > 1e-6 * tick_s, rest, 0.0)
 
 
 @compiled

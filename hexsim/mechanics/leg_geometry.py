@@ -6,7 +6,7 @@ common to all: pose (6,) or poses (n, 6), base and platform joints (n_legs, 3) [
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 
 
 @compiled
@@ -62,7 +62,7 @@ def row3(matrix, i):
     return matrix[i, 0], matrix[i, 1], matrix[i, 2]
 
 
-@compiled
+@allocating
 def lengths_of_rows(poses, base, platform, height):
     n = poses.shape[0]
     legs = base.shape[0]
@@ -73,7 +73,7 @@ def lengths_of_rows(poses, base, platform, height):
     return lengths
 
 
-@compiled
+@allocating
 def frames_of_rows(poses):
     rotations, rates = np.empty((poses.shape[0], 3, 3)), np.empty((poses.shape[0], 3, 3))
     for k in range(poses.shape[0]):
@@ -82,7 +82,7 @@ def frames_of_rows(poses):
     return rotations, rates
 
 
-@compiled
+@allocating
 def all_of_rows(poses, base, platform, height):
     n = poses.shape[0]
     lengths, jacobian = np.empty((n, base.shape[0])), np.empty((n, base.shape[0], 6))
@@ -129,7 +129,7 @@ def solve(matrix, right):
     return True
 
 
-@compiled
+@allocating
 def forward_rows(lengths, poses, base, platform, height, max_iterations, tolerance):
     """Newton on l(pose) = lengths, row by row from the guesses in `poses`, in place; returns the rows' residuals [m].
 

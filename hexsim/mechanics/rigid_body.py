@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 
 Array = np.ndarray
 Vector = tuple[float, float, float]
@@ -139,7 +139,7 @@ def add_ride_wrenches(wrench, suspension, acceleration, omega, gravity, travel, 
             wrench[i, 3 + k] += moment[k]
 
 
-@compiled
+@allocating
 def joint_wrenches(body, acceleration, omega, gravity):
     """(F, M) of every sample (n, 6): acceleration (a, w') (n, 6), omega and gravity (n, 3)."""
     wrench = np.empty(acceleration.shape)
@@ -151,7 +151,7 @@ def joint_wrenches(body, acceleration, omega, gravity):
     return wrench
 
 
-@compiled
+@allocating
 def point_accelerations(place, acceleration, omega):
     """Acceleration (n, 3) of a point of the body, every sample."""
     found = np.empty(omega.shape)

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 from hexsim.declaration.controller import LONGEST_DELAY_TICKS
 
 Array = NDArray[np.float64]
@@ -289,7 +289,7 @@ def send(control, memory, asked, commanded, out):
     computed(control, memory, commanded, out)
 
 
-@compiled
+@allocating
 def tick(control, memory, setpoint, position, pressure, out):
     """One tick of all legs without a compensator: valve volts (n_legs,) [V] into `out`. pressure: p (n_legs,) [Pa]."""
     path, forward = np.empty((1, out.shape[0])), np.empty(out.shape[0])

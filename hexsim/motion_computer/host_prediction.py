@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.motion_computer.host_process import FEWEST, POINTS, PROCESSES, TREND, add_process, fit_process, solve
 
@@ -115,7 +115,7 @@ def _can(j, counts):
     return ORDERS_AND_COUNTS[j, 1] <= counts[1 if j >= PLAIN else 0]
 
 
-@compiled
+@allocating
 def _fit(times, motions, period_s, out, first, usable):
     """Coefficients (POLYNOMIALS, TERMS, AXES) of the predictors from `first` on that have enough setpoints: those without
     derivatives, or from PLAIN on those with them."""
@@ -174,7 +174,7 @@ def _add_equations(x, motion, origin, period_s, derivatives, sums, products):
             power *= x
 
 
-@compiled
+@allocating
 def _judge(prediction, time, value, horizon_s):
     """What the predictors said of this time and value `horizon_s` before."""
     then = -1
@@ -230,7 +230,7 @@ def _add(prediction, place, j, time, share, out):
         out[2, d] += share[d] * a / period**2
 
 
-@compiled
+@allocating
 def predicted(prediction, time):
     """Position, velocity, acceleration (3, AXES) at a time of the host's clock."""
     place = int(prediction.state[0])

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 
 # l [s], of motions to 4 and 2 Hz; variance of a setpoint's rounding or noise over the process's: 20 um, 0.6 um and 20 nm of a motion of
 # 20 mm. By less the matrix is hardly regular
@@ -22,7 +22,7 @@ FEWEST = 4  # and at least
 TREND = 2  # terms: place and speed
 
 
-@compiled
+@allocating
 def fit_process(times, motions, n, length_s, nugget, weights, trend):
     """Weights (POINTS, axes) and trend (TREND, axes) of a process through the newest n setpoints of motions (m, 3, axes) at
     times (m,), oldest first, n at most POINTS; both count from the newest. In place; weights without a setpoint become 0."""

@@ -16,7 +16,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg
 from hexsim.hydraulics.parameters import declared_rows
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 WEIGHT_AND_MOMENTS = slice(2, 5)  # F_z, M_x, M_y of a wrench
 
 
-@compiled
+@allocating
 def _thrusts(rows, y, v, bottom, top, supply):
     """Force (n,) [N] of each leg on the platform by the declared machine."""
     force = np.empty(len(y))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating
 from hexsim.declaration import Machine
 from hexsim.motion_computer.errors import Error, Finding
 
@@ -115,7 +115,7 @@ def velocity_gain(machine: Machine) -> Array:
     return np.array(gains)
 
 
-@compiled
+@allocating
 def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usable, p):
     """Update model, last good readings and counters; return a code for each leg. counts: (4, n), rows as `Count`."""
     n = setpoint.shape[0]

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.lag import lagged
@@ -33,7 +33,7 @@ def reading(true, noise, gain, offset, resolution):
     return np.rint(value / resolution) * resolution if resolution > 0.0 else value
 
 
-@compiled
+@allocating
 def measure(true, noise, gain, offset, resolution):
     """One measurement of each channel (n,)."""
     out = np.empty(true.shape[0])
@@ -42,7 +42,7 @@ def measure(true, noise, gain, offset, resolution):
     return out
 
 
-@compiled
+@allocating
 def measure_rows(true, noise, gain, offset, resolution):
     """Measurements of all rows (m, n)."""
     out = np.empty_like(true)

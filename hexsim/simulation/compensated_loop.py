@@ -95,7 +95,7 @@ class CompensatedLoop:
 
 def with_desk(function: Callable[..., Any]) -> Any:
     """A compiled function that holds layouts and calls functions of `compensation`."""
-    return compiled.compiled(function, compensation_sources())
+    return compiled.compiled(function, compensation_sources(), allocates=True)
 
 
 @with_desk

@@ -12,7 +12,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hexsim.compiled import by_address, compiled
+from hexsim.compiled import allocating, by_address
 from hexsim.hydraulics import chamber
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C, Control
@@ -57,7 +57,7 @@ class PlainLoop(NamedTuple):
     given: Array  # (ticks, n_legs) volts at the spools of ticks done again; (0, n_legs): control
 
 
-@compiled
+@allocating
 def pressures(context, sensor, places, k):
     """What the transducers of chambers read at tick k (n_legs,) [Pa]."""
     true = np.empty(places.shape[0])
@@ -66,7 +66,7 @@ def pressures(context, sensor, places, k):
     return measure(true, sensor.noise[k], sensor.gain, sensor.offset, sensor.resolution)
 
 
-@compiled
+@allocating
 def load_pressures(context, loop, k):
     """p = P1 - P2 A2/A1 (n_legs,) as it is read at tick k [Pa]."""
     load = pressures(context, loop.bottom, loop.bottom_places, k)
@@ -89,14 +89,14 @@ def call_control(typingctx: Any, address: Any, needs: Any, tick: Any) -> Any:  #
     return types.int32(types.uintp, types.uintp, types.int64), codegen
 
 
-@compiled
+@allocating
 def true_pressures(context, places, out):
     """Pressures of chambers into out (n_legs,) [Pa]."""
     for i in range(out.shape[0]):
         out[i] = chamber.pressure(context.act[places[i]] * MPa)
 
 
-@compiled
+@allocating
 def ask(context, loop, k):
     """Let the CONTROL of a compensated run see tick k. Returns whether the run goes on."""
     true_pressures(context, loop.bottom_places, loop.pressures[k])
@@ -108,7 +108,7 @@ def ask(context, loop, k):
     return True
 
 
-@compiled
+@allocating
 def plain_control(context, record, loop, k, load):
     """Volts of control tick k by the controllers alone, into `loop.volts`. load (n_legs,) takes what pressure feedback reads."""
     sensor = loop.position
@@ -121,7 +121,7 @@ def plain_control(context, record, loop, k, load):
     controller.tick(loop.control, loop.memory, setpoint, measured, load, loop.volts)
 
 
-@compiled
+@allocating
 def run_ticks(context, record, loop, first, last):
     """Ticks first..last - 1. Returns how many ticks are done, of the whole run."""
     context, record, loop = by_address(context), by_address(record), by_address(loop)

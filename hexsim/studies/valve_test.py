@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg, ports, valve
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
@@ -170,7 +170,7 @@ def _blocked(p: Array, x: float, supply: float, tank: float) -> tuple[float, flo
     return a - b, leakage + ports.top_supply_flow(p, x, b, supply)
 
 
-@compiled
+@allocating
 def _response(p, command, h):
     """Spool positions (n,) [m] under commands (n,) [m], from rest at 0, time step h [s]."""
     out = np.empty(command.shape[0])

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import rod_side
@@ -43,7 +43,7 @@ OF_FORCE = (  # of a leg's row: no flow depends on it
 )  # fmt: skip
 
 
-@compiled
+@allocating
 def inflows(p, y, v, volts, x, P1, P2, Ps, t):
     """phi of every sample [m3/s]."""
     flow, memory = np.empty(y.shape[0]), memories(p, y, v, volts, P1, Ps, t)
@@ -52,7 +52,7 @@ def inflows(p, y, v, volts, x, P1, P2, Ps, t):
     return flow
 
 
-@compiled
+@allocating
 def top_inflows(p, y, x, P1, P2, Ps):
     """phi_B of every sample [m3/s]."""
     flow = np.empty(x.shape[0])
@@ -61,7 +61,7 @@ def top_inflows(p, y, x, P1, P2, Ps):
     return flow
 
 
-@compiled
+@allocating
 def capacities(p, y, P1):
     """Hydraulic capacity of the bottom chamber of every sample [m3/Pa]."""
     capacity = np.empty(y.shape[0])
@@ -70,7 +70,7 @@ def capacities(p, y, P1):
     return capacity
 
 
-@compiled
+@allocating
 def top_capacities(p, y, P2):
     """Hydraulic capacity of the rod side of every sample [m3/Pa]."""
     capacity = np.empty(y.shape[0])

@@ -13,7 +13,7 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.learned import memories
@@ -41,7 +41,7 @@ OF_FLOW = (  # of a leg's row: no force depends on it
 )  # fmt: skip
 
 
-@compiled
+@allocating
 def forces_beyond_pressure(p, y, v, volts, P1, P2, Ps, t):
     """What acts along the leg besides P1 A1, every sample [N]; the bristle runs along where the leg has one."""
     n = y.shape[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import valve
 from hexsim.hydraulics.parameters import P
@@ -25,7 +25,7 @@ def at_samples(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, 
     return held, 0.5 * (x + np.concatenate([x[:1], x[:-1]]))
 
 
-@compiled
+@allocating
 def spool_positions(p, volts, t):
     """Mean spool position [m] from each sample to the next for volts held between samples: midpoints, 5 steps a sample or more."""
     n = volts.shape[0]

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating, compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.parameters import P
@@ -27,7 +27,7 @@ from hexsim.tracing.balances.balance import Balance, measured_point, resolved_ma
 Array = np.ndarray
 
 
-@compiled
+@allocating
 def demands(p, y, v, x, P1, P2, Ps):
     """Flow that a leg takes from the supply, every sample [m3/s]."""
     flow = np.empty(v.shape[0])
@@ -36,7 +36,7 @@ def demands(p, y, v, x, P1, P2, Ps):
     return flow
 
 
-@compiled
+@allocating
 def capacities(s, Ps):
     """Capacity of the accumulator, every sample [m3/Pa]."""
     capacity = np.empty(Ps.shape[0])
@@ -53,7 +53,7 @@ def moved(a, h, rate):
     )  # fmt: skip
 
 
-@compiled
+@allocating
 def power_unit_pressures(s, start, demand, dt):
     """Ps [Pa] that a power unit gives for the flow taken (n,) [m3/s], from rest at the pressure `start`. RK4."""
     Ps = np.empty(demand.shape[0])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hexsim.compiled import borrowed, compiled
+from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, valve
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import near_standstill
@@ -67,6 +67,7 @@ class Room(NamedTuple):
     state: np.ndarray
     slopes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     legs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    late: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     positions: np.ndarray
     pressures: np.ndarray
     tops: np.ndarray
@@ -77,7 +78,7 @@ class Room(NamedTuple):
     memory: np.ndarray
 
 
-def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int, n_sections: int) -> Room:
+def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int, n_sections: int, late) -> Room:
     """Room for n samples from a state."""
     s, y = np.zeros_like, np.zeros(n_legs)
     bottom, top = np.empty((2, n_legs, n))
@@ -85,7 +86,7 @@ def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int, n_sections: in
     slopes = (s(start), s(start), s(start), s(start), s(start))
     rows = 4 * n_legs + 1 + n_axes
     return Room(
-        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), moved, bottom, top, volts, asked, np.empty((n_axes, n)),
+        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), (*late, s(y), s(y)), moved, bottom, top, volts, asked, np.empty((n_axes, n)),
         np.zeros(rows), np.zeros((rows, n_sections, 2)),
     )  # fmt: skip
 
@@ -166,67 +167,29 @@ def delayed_volts(part_s, held, was, at, dt, now):
     return end
 
 
-@compiled
-def lent(rig, inputs, room):
-    """The same numbers without reference counts."""
-    legs, geometry, s, load, sensors, controller, rule = rig
-    position, pressure, top, acceleration, supply_gain, filters, place, turned = sensors
-    k1, k2, k3, k4, there = room.slopes
-    y, v, before, held, apart = room.legs
-    return (
-        Rig(
-            borrowed(legs), borrowed(geometry), borrowed(s),
-            Load(load.body, borrowed(load.compliance), load.gravity, load.spring),
-            Sensors(
-                borrowed(position), borrowed(pressure), borrowed(top), borrowed(acceleration), supply_gain,
-                (borrowed(filters[0]), borrowed(filters[1]), borrowed(filters[2])), place, borrowed(turned),
-            ),
-            Controller(
-                borrowed(controller.gain_V_per_m), borrowed(controller.delay_ticks), controller.rate_Hz,
-                borrowed(controller.limit_V), controller.feedback,
-            ),
-            rule,
-        ),
-        Inputs(
-            borrowed(inputs.setpoint), borrowed(inputs.volts), borrowed(inputs.position), borrowed(inputs.near_rest),
-            inputs.rate_Hz, inputs.first_tick, inputs.start_s,
-        ),
-        Room(
-            borrowed(room.state), (borrowed(k1), borrowed(k2), borrowed(k3), borrowed(k4), borrowed(there)),
-            (borrowed(y), borrowed(v), borrowed(before), borrowed(held), borrowed(apart)),
-            borrowed(room.positions), borrowed(room.pressures),
-            borrowed(room.tops), borrowed(room.volts), borrowed(room.asked), borrowed(room.accelerations),
-            borrowed(room.sharp), borrowed(room.memory),
-        ),
-    )  # fmt: skip
-
-
 def answer(rig: Rig, inputs: Inputs, start: np.ndarray) -> np.ndarray:
     """Measured outputs without noise (rows as in `run`, n) from a start state; NaN after a divergence."""
     n_legs, n_axes = len(rig.legs), len(rig.sensors.acceleration)
     out = np.empty((4 * n_legs + 1 + n_axes, inputs.setpoint.shape[1]))
     sections = max(len(own) for own in rig.sensors.filters)
-    run(rig, inputs, room_for(start, n_legs, n_axes, out.shape[1], sections), out)
+    late = valve.delay_in_ticks(rig.legs[:, P.VALVE_DELAY], 1.0 / inputs.rate_Hz)
+    run(rig, inputs, room_for(start, n_legs, n_axes, out.shape[1], sections, late), out)
     return out
 
 
 @compiled
-def run(owned_rig, owned_inputs, owned_room, owned_out):
+def run(rig, inputs, room, out):
     """Simulate and write the measured outputs, without noise, into out. False after a divergence.
 
     out: rows of positions, volts, pressures of the bottom chambers and of the rod sides, supply, accelerations; (., n).
     """
-    rig, inputs, room = lent(owned_rig, owned_inputs, owned_room)
-    out = borrowed(owned_out)
     legs, geometry, s, load, sensors, controller, rule = rig
     position, pressure, top, acceleration, supply_gain, filters, place, turned = sensors
-    state, slopes, (y, v, before, held, apart), y_true, p_true, top_true, u_true, asked, a_true, sharp, memory = room
+    state, slopes, (y, v, before, held, apart), (whole, part_s, was, now), y_true, p_true, top_true, u_true, asked, a_true, sharp, memory = room
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
     calm_s = 0.0
-    whole, part_s = valve.delay_in_ticks(legs[:, P.VALVE_DELAY], dt)
-    was, now = np.zeros(n_legs), np.zeros(n_legs)
     for i in range(n):
         t = inputs.start_s + i * dt
         write_leg_motion(geometry, state, y, v)
