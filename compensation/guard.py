@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-
 from . import compensator, volts_bound
 from .arithmetic import next_noise, push
 from .compensator import Compensator, Context, Parameters, Sample, Wrapped

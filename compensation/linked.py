@@ -77,8 +77,8 @@ class _Nesting(event.Listener):
     def on_end(self, event: Any) -> None:
         options, dispatcher = _COMPILING.pop(), event.data["dispatcher"]
         made = getattr(dispatcher, "overloads", {}).get(event.data["args"])
-        if made is not None and not _counts(options) and not _is_inner(options) and _holds_array(made.signature.return_type):
-            raise TypeError(f"{dispatcher.py_func.__name__} returns an array to Python, and counts no references: it must allocate")
+        if made is not None and not _is_inner(options) and not _counts(options):
+            _refuse_array(dispatcher, made.signature.return_type)
 
 
 def _is_inner(options: dict[str, Any]) -> bool:
@@ -91,8 +91,12 @@ def _counts(options: dict[str, Any]) -> bool:
     return bool(options.get("_nrt", True))
 
 
-def _holds_array(kind: Any) -> bool:
-    return isinstance(kind, types.Array) or (isinstance(kind, types.BaseTuple) and any(map(_holds_array, kind)))
+def _refuse_array(dispatcher: Any, kind: Any) -> None:
+    """An array that one side counts and the other does not would be freed under its user, or never."""
+    if isinstance(kind, types.Array):
+        raise TypeError(f"{dispatcher.py_func.__name__} hands an array to code that counts references otherwise")
+    for part in kind if isinstance(kind, types.BaseTuple) else ():
+        _refuse_array(dispatcher, part)
 
 
 # private names of numba that this stands on: where a version lacks one, functions are compiled as numba does
@@ -114,7 +118,10 @@ if KNOWN:
 
 
 def linked(
-    dispatcher: Any, options: dict[str, Any], general: Callable[[Any], Any] = lambda kind: kind, hands_views: bool = False
+    dispatcher: Any,
+    options: dict[str, Any],
+    general: Callable[[Any], Any] = lambda kind: kind,
+    hands_views: bool = False,
 ) -> Any:
     """The dispatcher, whose compiled callers get another one's signatures, which Python cannot call. general: the type they ask for.
 
@@ -135,8 +142,9 @@ def linked(
 
     def get_call_template(args: Any, kws: Any) -> Any:
         found = template(tuple(map(general, args)), {name: general(kind) for name, kind in kws.items()})
-        if _COMPILING and not hands_views and _counts(_COMPILING[-1]) != _counts(options) and any(_holds_array(s.return_type) for s in found[3]):
-            raise TypeError(f"{dispatcher.py_func.__name__} hands an array to code that counts references otherwise")
+        if _COMPILING and not hands_views and _counts(_COMPILING[-1]) != _counts(options):
+            for signature in found[3]:
+                _refuse_array(dispatcher, signature.return_type)
         return found
 
     dispatcher.get_call_template, dispatcher.get_overload = get_call_template, inner.get_overload

@@ -20,8 +20,8 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from .compiled import in_its_caller
 from .compensator import MOST_LEGS, Compensator, Context, Parameters
+from .compiled import in_its_caller
 from .guard import GUARD, Todo, accept, check, start_guard
 
 EXPORTED = ("adaptive",)  # algorithms that are compiled throughout

@@ -36,7 +36,11 @@ def compiled(function: Callable[..., Any], other_sources: str = "", *, allocates
     """
     is_inlined = function.__module__.startswith("hexsim.hydraulics.")
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_inlined}
-    options |= {"_nrt": allocates, "nogil": True, "no_cfunc_wrapper": True}  # threads run side by side; C gets callbacks alone
+    options |= {
+        "nogil": True,
+        "no_cfunc_wrapper": True,
+        "_nrt": allocates,
+    }  # threads run side by side; C gets callbacks
     try:
         dispatcher = njit(**options)(function)
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
@@ -66,18 +70,6 @@ def with_code(callback: Any) -> Any:
     return anew
 
 
-def _borrowed(typing_context: Any, value: Any) -> Any:
-    """The same array, or a tuple of them, without reference counts, for inner loops: counting costs as much as a leg's equations.
-
-    Whoever lends it must hold the arrays until the borrower returns, as the Python caller of a compiled function does.
-    """
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return _without_owner(context, builder, signature.return_type, args[0])
-
-    return value(value), codegen
-
-
 def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     if isinstance(kind, types.BaseTuple):
         parts: Any = kind
@@ -90,9 +82,6 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     struct.meminfo = Constant(struct.meminfo.type, None)
     struct.parent = Constant(struct.parent.type, None)
     return struct._getvalue()
-
-
-borrowed: Any = intrinsic(_borrowed)
 
 
 class ByAddress(types.Type):

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..compensator import MOST_LEGS, Context
-from ..guard import TELLS
 from ..compiled import compiled, in_its_caller
+from ..guard import TELLS
 from ..native import Native
 from ..prediction import prediction_table
 from ..records import record

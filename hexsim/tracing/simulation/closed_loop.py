@@ -30,7 +30,7 @@ from hexsim.tracing.simulation.motion import (
     steps_of_sample,
     write_leg_motion,
 )
-from hexsim.tracing.simulation.rig import LOGGED_VOLTS, OWN_TRANSDUCER, Controller, Load, Rig, Sensors
+from hexsim.tracing.simulation.rig import LOGGED_VOLTS, OWN_TRANSDUCER, Rig
 
 DIVERGENCE_LIMIT = 1e3  # [m], [m/s], [rad/s] a load beyond it has diverged
 
@@ -57,7 +57,8 @@ SIGNALS = ("setpoint", "volts", "position", "near_rest")  # of the inputs, sampl
 
 class Room(NamedTuple):
     """Arrays that the simulation works in. state (n_states,); slopes: four, and a state to try; y, v, v a sample ago, held volts
-    and how far a valve's two plays are apart (n_legs,).
+    and how far a valve's two plays are apart (n_legs,). late: whole samples and rests of the valves' delays, volts of the sample before
+    and those that the spools have now (n_legs,).
 
     positions, pressures of the bottom chambers and of the rod sides, volts, volts before the computing delay (n_legs, n),
     accelerations (n_axes, n): what happened, for sensors and valves with a delay.  sharp (n_rows,): what the sensors of `run`
@@ -78,8 +79,11 @@ class Room(NamedTuple):
     memory: np.ndarray
 
 
-def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int, n_sections: int, late) -> Room:
-    """Room for n samples from a state."""
+def room_for(rig: Rig, inputs: Inputs, start: np.ndarray) -> Room:
+    """Room for a simulation from a state."""
+    n_legs, n_axes, n = len(rig.legs), len(rig.sensors.acceleration), inputs.setpoint.shape[1]
+    n_sections = max(len(own) for own in rig.sensors.filters)
+    late = valve.delay_in_ticks(rig.legs[:, P.VALVE_DELAY], 1.0 / inputs.rate_Hz)
     s, y = np.zeros_like, np.zeros(n_legs)
     bottom, top = np.empty((2, n_legs, n))
     moved, volts, asked = np.empty((3, n_legs, n))
@@ -169,11 +173,8 @@ def delayed_volts(part_s, held, was, at, dt, now):
 
 def answer(rig: Rig, inputs: Inputs, start: np.ndarray) -> np.ndarray:
     """Measured outputs without noise (rows as in `run`, n) from a start state; NaN after a divergence."""
-    n_legs, n_axes = len(rig.legs), len(rig.sensors.acceleration)
-    out = np.empty((4 * n_legs + 1 + n_axes, inputs.setpoint.shape[1]))
-    sections = max(len(own) for own in rig.sensors.filters)
-    late = valve.delay_in_ticks(rig.legs[:, P.VALVE_DELAY], 1.0 / inputs.rate_Hz)
-    run(rig, inputs, room_for(start, n_legs, n_axes, out.shape[1], sections, late), out)
+    out = np.empty((4 * len(rig.legs) + 1 + len(rig.sensors.acceleration), inputs.setpoint.shape[1]))
+    run(rig, inputs, room_for(rig, inputs, start), out)
     return out
 
 
@@ -185,7 +186,8 @@ def run(rig, inputs, room, out):
     """
     legs, geometry, s, load, sensors, controller, rule = rig
     position, pressure, top, acceleration, supply_gain, filters, place, turned = sensors
-    state, slopes, (y, v, before, held, apart), (whole, part_s, was, now), y_true, p_true, top_true, u_true, asked, a_true, sharp, memory = room
+    state, slopes, (y, v, before, held, apart), (whole, part_s, was, now) = room[:4]
+    y_true, p_true, top_true, u_true, asked, a_true, sharp, memory = room[4:]
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
