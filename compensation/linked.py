@@ -143,8 +143,7 @@ def linked(
     def get_call_template(args: Any, kws: Any) -> Any:
         found = template(tuple(map(general, args)), {name: general(kind) for name, kind in kws.items()})
         if _COMPILING and not hands_views and _counts(_COMPILING[-1]) != _counts(options):
-            for signature in found[3]:
-                _refuse_array(dispatcher, signature.return_type)
+            _refuse_array(dispatcher, inner.overloads[tuple(found[2])].signature.return_type)
         return found
 
     dispatcher.get_call_template, dispatcher.get_overload = get_call_template, inner.get_overload

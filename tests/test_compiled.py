@@ -122,6 +122,62 @@ def test_what_compiled_callers_alone_ask_for_has_no_code_for_python(tmp_path):
     assert "inner" in linked
 
 
+HANDED = """
+import numpy as np
+from hexsim.compiled import allocating, compiled
+
+@compiled
+def same(x):
+    return x
+
+@compiled
+def both(x):
+    return x[0], x
+
+@allocating
+def twice(x):
+    return 2.0 * x
+
+@compiled
+def first_of_twice(x):
+    return twice(x)[0]
+
+@allocating
+def first_of_same(x):
+    return same(x)[0]
+
+@compiled
+def first_of_same_uncounted(x):
+    return same(x)[0]
+
+@allocating
+def sum_of_twice(x):
+    return twice(x).sum()
+
+x = np.ones(3)
+for function in (same, both, first_of_twice, first_of_same):
+    try:
+        function(x)
+    except Exception as error:
+        assert "hands an array to code that counts references otherwise" in str(error), error
+    else:
+        raise AssertionError(function)
+assert twice(x).sum() == sum_of_twice(x) == 6.0 and first_of_same_uncounted(x) == 1.0
+assert twice(3.0) == 6.0
+"""
+
+
+def test_arrays_go_only_where_they_are_counted_alike(tmp_path):
+    """Code that counts no references hands no array to Python or to code that counts, nor takes one from it: it is refused when it is
+    compiled, for the array would be freed under its user, or never."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
+    (tmp_path / "handed.py").write_text(HANDED)
+    ended = subprocess.run(
+        [sys.executable, str(tmp_path / "handed.py")], env=environment, capture_output=True, text=True
+    )
+    assert ended.returncode == 0, ended.stderr
+
+
 DAMAGES = [("*.nbi", "flipped"), ("*.nbi", "empty"), ("*.nbi", "cut"), ("*.nbc", "empty"), ("*.nbc", "flipped")]
 
 

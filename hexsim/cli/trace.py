@@ -77,7 +77,7 @@ def trace(
     json: options.Json = False,
 ) -> None:
     """Identify the physical effect that the declared machine is missing in measured logs, if it is missing one."""
-    from hexsim.own.folder import model_file
+    from hexsim.own.files import model_file
 
     if list_effects:
         return explain_effects.print_library(json)

@@ -162,7 +162,7 @@ def trace(
     >>> result  # doctest: +SKIP
     <TraceResult of bench_leakage: explained: leakage_supply_to_chamber in leg 1>
     """
-    from hexsim.own.folder import model_file
+    from hexsim.own.files import model_file
     from hexsim.tracing.trace import trace as run_trace
 
     place = Path(path_of(folder, "the folder of a machine", "tests/data/bench_leakage"))

@@ -71,7 +71,10 @@ def opening(x, overlap, rounding):
         return beyond
     if z < -40.0:
         return 0.0
-    return rounding * math.log1p(math.exp(z))
+    e = math.exp(-abs(z))
+    # below e^-12 = 6e-6 three terms of the series are log(1 + e) to the last digit, in a fifth of the time
+    more = e * (1.0 - e * (0.5 - e / 3.0)) if abs(z) > 12.0 else math.log1p(e)
+    return max(beyond, 0.0) + rounding * more
 
 
 @compiled

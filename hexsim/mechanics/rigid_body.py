@@ -222,7 +222,7 @@ def joined(one: RigidBody, other: RigidBody) -> RigidBody:
 # A mass on a spring: travel q along the axis from the unstressed spring, q'' = -(w^2 q + 2 zeta w q') - felt.
 
 
-@compiled
+@allocating  # of a whole ride
 def spring_acceleration(suspension, travel, rate):
     """w^2 q + 2 zeta w q' [m/s2]: by it, times the mass, the spring pulls the body along its axis."""
     omega = suspension.omega

@@ -11,13 +11,12 @@ from pydantic import ValidationError
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import read_toml, validation_sentence
 from hexsim.own.declaration import Declaration
+from hexsim.own.files import FILES, model_file
 from hexsim.own.model import Model, model_of
 from hexsim.readers import load_mapping, log_files, read_stretches
 from hexsim.readers.files import log_name, logs_of_folder
 from hexsim.readers.mapping import Channel, Mapping
 from hexsim.signals.log import Log
-
-FILES = ("model.toml", "balances.toml")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,11 +29,6 @@ class OwnFolder:
     model: Model
     fit: tuple[Log, ...]
     validate: tuple[Log, ...]
-
-
-def model_file(folder: Path) -> Path | None:
-    """The file that declares a machine of one's own, or None."""
-    return next((folder / name for name in FILES if (folder / name).is_file()), None)
 
 
 def declared(folder: Path) -> Declaration:

@@ -113,6 +113,13 @@ def records(
 def is_value(cell: str) -> bool:
     """A number or a time stamp."""
     cell = cell.strip().strip('"')
+    if "_" not in cell:  # which Python takes in a number
+        try:
+            float(cell)  # in a tenth of the time
+        except ValueError:
+            pass
+        else:
+            return True
     return bool(NUMBER.fullmatch(cell) or STAMP.fullmatch(cell))
 
 

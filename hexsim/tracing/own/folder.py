@@ -13,7 +13,8 @@ import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.own.declaration import BalanceTable, Declaration, TermTable
-from hexsim.own.folder import declared, logs_of, model_file
+from hexsim.own.files import model_file
+from hexsim.own.folder import declared, logs_of
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules

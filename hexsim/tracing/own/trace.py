@@ -12,7 +12,7 @@ import tomli_w
 
 from hexsim.files.json_files import write_json
 from hexsim.own.declaration import Declaration
-from hexsim.own.folder import FILES
+from hexsim.own.files import FILES
 from hexsim.own.state_file import StateFile
 from hexsim.tracing.own.analysis import OwnTrace, next_step, trace_balance
 from hexsim.tracing.own.events import said
