@@ -76,7 +76,7 @@ class _Nesting(event.Listener):
 
     def on_end(self, event: Any) -> None:
         options, dispatcher = _COMPILING.pop(), event.data["dispatcher"]
-        made = getattr(dispatcher, "overloads", {}).get(event.data["args"])
+        made = getattr(dispatcher, "overloads", {}).get(event.data.get("args"))
         if made is not None and not _is_inner(options) and not _counts(options):
             _refuse_array(dispatcher, made.signature.return_type)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import carray, cfunc, njit, types
 
 from compensation.compensator import MEASURED_TICKS
-from hexsim.compiled import compiled, with_code
+from hexsim.compiled import allocating, compiled, with_code
 from hexsim.errors import HexsimError
 from hexsim.export.toolchain import ERROR_PATHS, System, compile_and_link, module_of, target_machine
 from hexsim.hydraulics import steps, valve
@@ -232,7 +232,7 @@ def _reading(sensor: Any) -> tuple[Any, ...]:
     return np.zeros(len(sensor.gain)), sensor.gain, sensor.offset, sensor.resolution
 
 
-@compiled
+@allocating
 def read(true, sensor):
     noise, gain, offset, resolution = sensor
     return measure(true, noise, gain, offset, resolution)

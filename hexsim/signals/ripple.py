@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hexsim.compiled import compiled
+from hexsim.compiled import allocating
 
 
-@compiled
+@allocating
 def rippled(y, amplitude, pitch, phase):
     """What a scale with this ripple shows at y [m], an array or a number."""
     return y + amplitude * np.sin(2.0 * np.pi * y / pitch + phase)
