@@ -95,7 +95,7 @@ def _refuse_array(dispatcher: Any, kind: Any) -> None:
     """An array that one side counts and the other does not would be freed under its user, or never."""
     if isinstance(kind, types.Array):
         raise TypeError(f"{dispatcher.py_func.__name__} hands an array to code that counts references otherwise")
-    for part in kind if isinstance(kind, types.BaseTuple) else ():
+    for part in getattr(kind, "types", ()):  # of a tuple
         _refuse_array(dispatcher, part)
 
 

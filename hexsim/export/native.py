@@ -13,7 +13,7 @@ import numpy as np
 from numba import carray, cfunc, njit, types
 
 from compensation.compensator import MEASURED_TICKS
-from hexsim.compiled import allocating, compiled, with_code
+from hexsim.compiled import allocating, with_code
 from hexsim.errors import HexsimError
 from hexsim.export.toolchain import ERROR_PATHS, System, compile_and_link, module_of, target_machine
 from hexsim.hydraulics import steps, valve
