@@ -17,6 +17,7 @@ OLDER = WINDOWS  # place of an older window that is looked at again; those that 
 KEPT = 48  # older windows that are looked at again: some 25 s of a sine of 0.5 Hz
 MOST_DELAY = 6  # whole ticks of a valve's delay
 HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
+JUDGED = 4  # low passes of the inverse behind one another: the 50 Hz band in which a bump is judged, half of which is left at 50 Hz
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
 
 f, i = "f8", "i8"
@@ -86,10 +87,14 @@ REFERENCE = record(  # the nearest tick first
     count=i, behind_m=f, lag_m=f, load_lag_m_s2=f, stale=i, late_s=f, late_sums=(f, (2,)), speed_m_s=f,
     followed_m=(f, (QUEUE + 1,)), behind_two_m=f,
 )  # fmt: skip
+TWIN = record(  # of the leg by the model, under plain control or with the volts: state, volts before, hysteresis, loop's own feedback
+    x=(f, (N_STATES,)), before_V=f, plays=(f, (2,)), loop=LOOP, filtered=(f, (JUDGED, 2)),
+)  # fmt: skip
 EXPECTED = record(
-    S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)), d_now=(f, (N_NUMBERS,)),
-    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), lag_m=f, w=(f, (N_SPACE,)),
-    scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, plain_V=f, loop=LOOP,
+    S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)),
+    d_now=(f, (N_NUMBERS,)), d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), lag_m=f, w=(f, (N_SPACE,)), scaled=(f, (N_NUMBERS,)),
+    started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, random=i, noise_m=f, rounded_V=f,
+    plain=TWIN, compensated=TWIN, compensating=i, deviation_Pa=(f, (MAX_DAMPING_TAPS,)),
     bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
     seen_filtered=(f, (3,)),  # two poles would leave more noise of 18 um than bump, four less than half of a bump of 20 Hz
@@ -100,7 +105,7 @@ PROBE = record(level=f, plain=(f, (2,)), plays=(f, (3,)))
 DAMPING = record(
     tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design
     taps=(f, (MAX_DAMPING_TAPS,)), deviation_Pa=(f, (MAX_DAMPING_TAPS,)), expected_Pa=(f, (MOST_DELAY + 1,)), gain=f, lag_s=f, wanted=i,
-    work=WORK,
+    let_out_V_Pa=f, work=WORK,
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (MOST_LEGS,)), others=(f, (MOST_LEGS, N_NUMBERS)),

@@ -277,11 +277,12 @@ def _ringing(design_Hz: float, plant_Hz: float, delay_s: float) -> float:
     k = damping.oil_stiffness(n, state.sheet, state.inverse.x, state.inverse.w)
     n[model.MASS] = k / (2.0 * math.pi * design_Hz) ** 2 / state.sheet[model.S_OWN]
     damping.design_damping(state)
+    state.damping.let_out_V_Pa = damping.let_out_V_Pa(damping.RATE_1_S, k, area, gain, 0.0)
     mass, h, v, p, spool, rate = k / (2.0 * math.pi * plant_Hz) ** 2, 1e-4, 1e-3, 0.0, 0.0, 0.0
     sent, energy = [0.0] * (2 + round(delay_s / 2e-3)), []
     for _ in range(100):
         damping.watch_damping(state.damping, n, p, True)
-        sent.append(-damping.damping_V(state.damping, damping.RATE_1_S, k, area, gain, 0.0))
+        sent.append(-damping.damping_V(state.damping))
         for _ in range(20):
             rate += h * (
                 (2 * math.pi * 60.0) ** 2 * (sent[-1 - round(delay_s / 2e-3)] - spool) - 1.4 * 2 * math.pi * 60.0 * rate
