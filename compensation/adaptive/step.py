@@ -4,8 +4,9 @@ demanded motion    what the position loop makes of the setpoint through the iden
                    once the volts are in; what plain control lags by beyond that is measured
 volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
 engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE, sums over a platform's legs, and the misfit is no more
-                   than KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e the
-                   one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last
+                   than KNOWN_LEG: b the bump of a leg of the model under plain control, f that of one with the volts, both with the
+                   noise and counts of the real one, which start stick-slip; e the one that the doubt about the numbers makes:
+                   S P S' of the acceleration, P the numbers' covariance; of the last
                    half strokes, by what is known now; d what the model lacks. It leaves where e^2 + f^2 + d^2 are that share,
                    and a leg with start parameters stays by that rule from its first motion on. Readings that show more than
                    twice plain control's bump are f, and it leaves at once
@@ -334,8 +335,8 @@ def _saw(e):
 
 @compiled
 def _expect(s, volts, left, setpoint_m, forward_V):
-    """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
-    each half stroke."""
+    """Bumps that plain control makes by the model, that the volts leave (`_compensate`), and that the doubt about the numbers makes: the
+    largest of each half stroke."""
     e, ref, tick_s, numbers = s.expected, s.reference, s.settings.tick_s, s.numbers
     kp, supply = s.settings.position_gain_V_per_m, s.past.supply_mean_Pa
     whole = int(numbers[DELAY] / tick_s)
@@ -535,6 +536,20 @@ def _probe_through_hysteresis(s, control_V, volts):
 
 
 @compiled
+def _follow_known(s):
+    """A tick of the numbers that act towards those that are found. A bristle that gives more carries its force over a longer way."""
+    numbers, known = s.numbers, s.known.numbers
+    if numbers[MASS] == 0.0:
+        numbers[:] = known
+        s.reference.stale = QUEUE
+    give = numbers[GIVE]
+    for k in range(N_NUMBERS):
+        numbers[k] += s.settings.tick_s / FOLLOW_S * (known[k] - numbers[k])
+    for x in (s.inverse.x, s.expected.plain.x, s.expected.compensated.x):
+        x[Z] *= numbers[GIVE] / give
+
+
+@compiled
 def tick_of(
     s,
     table,
@@ -566,15 +581,7 @@ def tick_of(
         work(s)
     if not s.known.valid:
         return 0.0
-    if s.numbers[MASS] == 0.0:
-        s.numbers[:] = s.known.numbers
-        ref.stale = QUEUE
-    give = s.numbers[GIVE]
-    for k in range(N_NUMBERS):
-        s.numbers[k] += settings.tick_s / FOLLOW_S * (s.known.numbers[k] - s.numbers[k])
-    # a bristle that gives more carries its force over a longer way
-    for x in (inv.x, s.expected.plain.x, s.expected.compensated.x):
-        x[Z] *= s.numbers[GIVE] / give
+    _follow_known(s)
     if ref.stale > 0:  # a demanded motion by numbers that are not the leg's
         ref.stale -= 1
         return 0.0
