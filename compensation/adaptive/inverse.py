@@ -237,6 +237,7 @@ def keep_first(x, U, sent, before, y, v, filtered, th, sheet, supply, extra, non
     speed = x[V]
     tick(x, none, th, sheet, sent, before, split, supply, extra[0], w)
     e = ((x[V] - speed) - (v[1] - v[0])) / sheet[S_TICK]
-    low_pass(filtered, e, sheet)
+    o = low_pass(filtered, e, sheet)
     for i in range(AHEAD - 1):
         U[i] = U[i + 1]
+    return o

@@ -95,8 +95,9 @@ EXPECTED = record(
     d_now=(f, (N_NUMBERS,)), d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), lag_m=f, w=(f, (N_SPACE,)), scaled=(f, (N_NUMBERS,)),
     started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, random=i, noise_m=f, rounded_V=f,
     plain=TWIN, compensated=TWIN, compensating=i, deviation_Pa=(f, (MAX_DAMPING_TAPS,)),
-    bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
+    bump=f, left=f, missed=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
+    misses2=(f, (HALVES,)), missed2=f,
     seen_filtered=(f, (3,)),  # two poles would leave more noise of 18 um than bump, four less than half of a bump of 20 Hz
     seen=f, seens2=(f, (HALVES,)), plain_halves=i, was_plain=i, wrong=i,  # as read
 )  # fmt: skip

@@ -34,7 +34,7 @@ from .damping import (
 )  # fmt: skip
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
 from .fit import NARROW, follow, forward
-from .inverse import AHEAD, improve, keep_first, low_pass
+from .inverse import AHEAD, FELT_HZ, improve, keep_first, low_pass
 from .layout import HALVES, HISTORY, JUDGED, MOST_DELAY, QUEUE
 from .leg import (
     AMP,
@@ -253,16 +253,16 @@ def _compensate(s):
 @compiled
 def _move_on(s, valve_V):
     """The window moves on over the tick that has passed, under what was sent: a converter rounds what was asked for. What is further off
-    is a limit or a fault, which more volts would not mend. Returns what acceleration is left [m/s2]."""
+    is a limit or a fault, which more volts would not mend. Returns what acceleration was left, in the low pass [m/s2]."""
     inv, e = s.inverse, s.expected
     if not inv.running:
         return 0.0
     off = valve_V - s.asked_V
     e.rounded_V = off if abs(off) <= COARSEST * s.settings.voltage_max_V else 0.0
     e.noise_m = s.past.noise_m * _noise(s)
-    left = _compensate(s)
+    e.missed = max(e.missed, abs(_compensate(s)))
     sent = inv.U[0] + e.rounded_V
-    keep_first(
+    left = keep_first(
         inv.x, inv.U, sent, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, s.past.supply_mean_Pa, inv.extra, inv.S, inv.w
     )  # fmt: skip
     inv.older, inv.before = inv.before, sent
@@ -320,8 +320,8 @@ def _see(s):
         # more than twice that is no chance: the largest of a half stroke's noise scatters by a quarter
         if e.seen * e.seen > 2.0**2 * plain2:
             e.wrong = 1
-            e.left = max(e.left, e.seen)
-            e.left2 = max(e.left2, e.left * e.left / HALVES)
+            e.missed = max(e.missed, e.seen)
+            e.missed2 = max(e.missed2, e.missed * e.missed / HALVES)
 
 
 @compiled
@@ -398,7 +398,7 @@ def _expect(s, volts, left, setpoint_m, forward_V):
         e.turned = 1
     if e.unsteady > 0:  # the start state's own swing is no bump, and a half stroke that turned in it was not seen
         e.unsteady -= 1
-        e.bump = e.sigma = e.left = 0.0
+        e.bump = e.sigma = e.left = e.missed = 0.0
         if e.turned:
             e.begun = 0
     e.acceleration, e.velocity = a, v
@@ -406,14 +406,16 @@ def _expect(s, volts, left, setpoint_m, forward_V):
         if e.begun and e.bump > 0.0:  # and all of the half stroke
             k = e.halves % HALVES
             e.bumps2[k], e.lefts2[k], e.rows[k] = e.bump * e.bump, e.left * e.left, e.worst
+            e.misses2[k] = e.missed * e.missed
             e.halves += 1
-            e.bump2 = e.left2 = 0.0
+            e.bump2 = e.left2 = e.missed2 = 0.0
             for k in range(HALVES):
                 _doubt(s, k)
                 e.bump2 += e.bumps2[k] / min(e.halves, HALVES)
                 e.left2 += e.lefts2[k] / min(e.halves, HALVES)
+                e.missed2 += e.misses2[k] / min(e.halves, HALVES)
         _saw(e)
-        e.bump = e.sigma = e.left = 0.0
+        e.bump = e.sigma = e.left = e.missed = 0.0
         e.turned, e.begun = 0, 1
 
 
@@ -442,10 +444,11 @@ def _doubt(s, k):
 
 @compiled
 def _lacking2(s):
-    """What the model lacks, as acceleration squared: the pressure's residual beyond its noise."""
+    """What the model lacks, as acceleration squared: the pressure's residual beyond its noise, as white as that, in the judged band."""
     beyond = max(s.known.chi2[1] - 1.0, 0.0)
     per_Pa = s.sheet[S_A1] / (s.numbers[MASS] * s.sheet[S_OWN])
-    return beyond * (s.fit.noise[1] * per_Pa) ** 2
+    band = 2.0 * 0.668 * FELT_HZ * s.settings.tick_s  # integral of 1/(1 + x^4)^4 over x = f/FELT_HZ, four low passes
+    return min(band, 1.0) * beyond * (s.fit.noise[1] * per_Pa) ** 2
 
 
 @compiled
@@ -460,8 +463,8 @@ def _stakes(s):
     first one has shown so far where a leg goes on from an earlier run."""
     e = s.expected
     if _goes_on(s):
-        return e.bump * e.bump, e.sigma + e.left * e.left + _lacking2(s)
-    return e.bump2, e.sigma2 + e.left2 + _lacking2(s)
+        return e.bump * e.bump, e.sigma + e.missed * e.missed + _lacking2(s)
+    return e.bump2, e.sigma2 + e.missed2 + _lacking2(s)
 
 
 @compiled
