@@ -17,7 +17,6 @@ OLDER = WINDOWS  # place of an older window that is looked at again; those that 
 KEPT = 48  # older windows that are looked at again: some 25 s of a sine of 0.5 Hz
 MOST_DELAY = 6  # whole ticks of a valve's delay
 HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
-JUDGED = 4  # low passes of the inverse behind one another: the 50 Hz band in which a bump is judged, half of which is left at 50 Hz
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
 
 f, i = "f8", "i8"
@@ -88,7 +87,8 @@ REFERENCE = record(  # the nearest tick first
     followed_m=(f, (QUEUE + 1,)), behind_two_m=f,
 )  # fmt: skip
 TWIN = record(  # of the leg by the model, under plain control or with the volts: state, volts before, hysteresis, loop's own feedback
-    x=(f, (N_STATES,)), before_V=f, plays=(f, (2,)), loop=LOOP, filtered=(f, (JUDGED, 2)),
+    x=(f, (N_STATES,)), before_V=f, plays=(f, (2,)), loop=LOOP,
+    filtered=(f, (4, 2)),  # four low passes of the inverse are the 50 Hz band in which a bump is judged: half is left at 50 Hz
 )  # fmt: skip
 EXPECTED = record(
     S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)),

@@ -35,7 +35,7 @@ from .damping import (
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
 from .fit import NARROW, follow, forward
 from .inverse import AHEAD, FELT_HZ, improve, keep_first, low_pass
-from .layout import HALVES, HISTORY, JUDGED, MOST_DELAY, QUEUE
+from .layout import HALVES, HISTORY, MOST_DELAY, QUEUE
 from .leg import (
     AMP,
     AMP_LAG,
@@ -104,7 +104,6 @@ COARSEST = 1.0 / 256.0  # of the range to one side: half a count of a converter 
 # corner of the low pass over the acceleration that the position's readings show: noise of 3 um gives 0.03 m/s2, 18 um 0.17
 SEEN_HZ = 30.0
 QUIET_TICKS = 20  # for which no leg may object
-MULTIPLIER, MODULUS = 16807, 2147483647  # Park and Miller's random numbers, Comm. ACM 31, 1988
 
 
 @compiled
@@ -204,16 +203,17 @@ def _load_Pa(s, bottom_Pa, top_Pa):
 
 @compiled
 def _noise(s):
-    """A reading's noise [standard deviations]: evenly distributed numbers of Park and Miller, the same in every run."""
-    e = s.expected
-    e.random = MULTIPLIER * max(e.random, 1) % MODULUS
-    return sqrt(12.0) * (e.random / MODULUS - 0.5)
+    """A reading's noise [standard deviations]: evenly distributed numbers of Park and Miller (Comm. ACM 31, 1988), the same in every
+    run."""
+    e, prime = s.expected, 2147483647
+    e.random = 16807 * max(e.random, 1) % prime
+    return sqrt(12.0) * (e.random / prime - 0.5)
 
 
 @compiled
 def _judged(memory, x, sheet):
-    """One tick of the band in which a bump is judged; memory (JUDGED, 2)."""
-    for k in range(JUDGED):
+    """One tick of the band in which a bump is judged; memory (4, 2)."""
+    for k in range(len(memory)):
         x = low_pass(memory[k], x, sheet)
     return x
 
