@@ -141,6 +141,6 @@ class Adaptive(Compensator):
         if max(s.known.chi2) > KNOWN_LEG:
             return f"the leg is not one that the model knows: misfit chi2 {max(s.known.chi2):.1f}; it engages below {KNOWN_LEG:g}"
         return (
-            f"the doubt about the leg's numbers would leave {e.sigma2**0.5:.2f} m/s2 where plain control makes "
+            f"doubt about the leg's numbers, and noise, would leave {(e.sigma2 + e.missed2) ** 0.5:.2f} m/s2 where plain control makes "
             f"{e.bump2**0.5:.2f} m/s2 (misfit chi2 {max(s.known.chi2):.1f}, 1 is a leg as the model knows it)"
         )

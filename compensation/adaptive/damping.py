@@ -95,9 +95,20 @@ def damping_rate_1_s(n, sheet, noise_Pa, bump2):
 
 
 @compiled
-def damping_V(d, rate_1_s, stiffness_N_m, area_m2, gain_m_s_V, own_V_Pa):
-    """Volts that let the oil out. own_V_Pa: what the controller's own pressure feedback lets out already."""
-    share = rate_1_s * area_m2 / (stiffness_N_m * gain_m_s_V)
-    u = d.gain * max(share - own_V_Pa, 0.0) * dot(d.taps, d.deviation_Pa, TAPS)
+def let_out_V_Pa(rate_1_s, stiffness_N_m, area_m2, gain_m_s_V, own_V_Pa):
+    """Volts a pressure that let the oil out. own_V_Pa: what the controller's own pressure feedback lets out already."""
+    return max(rate_1_s * area_m2 / (stiffness_N_m * gain_m_s_V) - own_V_Pa, 0.0)
+
+
+@compiled
+def let_out_V(d, deviation_Pa):
+    """Volts that let the oil out at these deviations (MAX_DAMPING_TAPS,), the newest first."""
+    return clip(d.gain * d.let_out_V_Pa * dot(d.taps, deviation_Pa, TAPS), -LIMIT_V, LIMIT_V)
+
+
+@compiled
+def damping_V(d):
+    """`let_out_V` at the leg's own deviations; the gain falls as the volts come near their bound."""
+    u = let_out_V(d, d.deviation_Pa)
     d.gain = next_damping_gain(d.gain, u, LIMIT_V, d.tick_s)
-    return clip(u, -LIMIT_V, LIMIT_V)
+    return u

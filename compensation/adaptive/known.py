@@ -62,7 +62,7 @@ def knowledge_of(s: Record) -> Knowledge | None:
     seen, kept_out = e.halves > 0, s.share == 0.0 and max(known.chi2) > KNOWN_LEG
     return Knowledge(
         estimates=tuple(found),
-        expected_m_s2=math.sqrt(e.sigma2 + e.left2) if seen else math.nan,
+        expected_m_s2=math.sqrt(e.sigma2 + e.missed2) if seen else math.nan,
         plain_m_s2=math.sqrt(e.bump2) if seen else math.nan,
         engages_m_s2=(0.0 if kept_out else math.sqrt(e.bump2 * (1.0 / LEAST_SHARE - 1.0))) if seen else math.nan,
         share=float(s.share),

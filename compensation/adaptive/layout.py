@@ -86,12 +86,18 @@ REFERENCE = record(  # the nearest tick first
     count=i, behind_m=f, lag_m=f, load_lag_m_s2=f, stale=i, late_s=f, late_sums=(f, (2,)), speed_m_s=f,
     followed_m=(f, (QUEUE + 1,)), behind_two_m=f,
 )  # fmt: skip
+TWIN = record(  # of the leg by the model, under plain control or with the volts: state, volts before, hysteresis, loop's own feedback
+    x=(f, (N_STATES,)), before_V=f, plays=(f, (2,)), loop=LOOP,
+    filtered=(f, (4, 2)),  # four low passes of the inverse are the 50 Hz band in which a bump is judged: half is left at 50 Hz
+)  # fmt: skip
 EXPECTED = record(
-    S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)), d_now=(f, (N_NUMBERS,)),
-    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), lag_m=f, w=(f, (N_SPACE,)),
-    scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, plain_V=f, loop=LOOP,
-    bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
+    S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)),
+    d_now=(f, (N_NUMBERS,)), d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), lag_m=f, w=(f, (N_SPACE,)), scaled=(f, (N_NUMBERS,)),
+    started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, random=i, noise_m=f, rounded_V=f,
+    plain=TWIN, compensated=TWIN, compensating=i, deviation_Pa=(f, (MAX_DAMPING_TAPS,)),
+    bump=f, left=f, missed=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
+    misses2=(f, (HALVES,)), missed2=f,
     seen_filtered=(f, (3,)),  # two poles would leave more noise of 18 um than bump, four less than half of a bump of 20 Hz
     seen=f, seens2=(f, (HALVES,)), plain_halves=i, was_plain=i, wrong=i,  # as read
 )  # fmt: skip
@@ -100,7 +106,7 @@ PROBE = record(level=f, plain=(f, (2,)), plays=(f, (3,)))
 DAMPING = record(
     tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design
     taps=(f, (MAX_DAMPING_TAPS,)), deviation_Pa=(f, (MAX_DAMPING_TAPS,)), expected_Pa=(f, (MOST_DELAY + 1,)), gain=f, lag_s=f, wanted=i,
-    work=WORK,
+    let_out_V_Pa=f, work=WORK,
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (MOST_LEGS,)), others=(f, (MOST_LEGS, N_NUMBERS)),

@@ -4,8 +4,9 @@ demanded motion    what the position loop makes of the setpoint through the iden
                    once the volts are in; what plain control lags by beyond that is measured
 volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
 engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE, sums over a platform's legs, and the misfit is no more
-                   than KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e the
-                   one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance; of the last
+                   than KNOWN_LEG: b the bump of a leg of the model under plain control, f that of one with the volts, both with the
+                   noise and counts of the real one, which start stick-slip; e the one that the doubt about the numbers makes:
+                   S P S' of the acceleration, P the numbers' covariance; of the last
                    half strokes, by what is known now; d what the model lacks. It leaves where e^2 + f^2 + d^2 are that share,
                    and a leg with start parameters stays by that rule from its first motion on. Readings that show more than
                    twice plain control's bump are f, and it leaves at once
@@ -17,14 +18,23 @@ from __future__ import annotations
 
 from math import exp, pi, sin, sqrt
 
-from ..arithmetic import copy
+from ..arithmetic import copy, push
 from ..compiled import compiled, inlined
 from ..loop_feedback import fed_back_V
 from ..prediction import start_prediction
-from .damping import damping_rate_1_s, damping_V, design_damping, oil_stiffness, start_damping, watch_damping
+from .damping import (
+    damping_rate_1_s,
+    damping_V,
+    design_damping,
+    let_out_V,
+    let_out_V_Pa,
+    oil_stiffness,
+    start_damping,
+    watch_damping,
+)  # fmt: skip
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
 from .fit import NARROW, follow, forward
-from .inverse import AHEAD, improve, keep_first, low_pass
+from .inverse import AHEAD, FELT_HZ, improve, keep_first, low_pass
 from .layout import HALVES, HISTORY, MOST_DELAY, QUEUE
 from .leg import (
     AMP,
@@ -156,10 +166,12 @@ def _invert(s):
     elif inv.running and whole < inv.whole:
         inv.x[Y] -= s.settings.tick_s * inv.x[V]
         inv.x[V] -= inv.v[1] - inv.v[0]
+    if whole != inv.whole:
+        s.expected.compensating = 0
     inv.whole = whole
     off_m = OFF_m if s.share > 0.0 else OFF_OUTSIDE_m
     if not inv.running or (abs(inv.x[Y] - inv.y[0]) > off_m and (s.share > 0.0 or _in_motion(s))):
-        s.expected.unsteady = QUEUE
+        s.expected.unsteady, s.expected.compensating = QUEUE, 0
         volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
         inv.U[:] = volts
         inv.before = inv.older = volts
@@ -171,26 +183,91 @@ def _invert(s):
     return inv.U[0]
 
 
-@compiled
-def _move_on(s, valve_V):
-    """The window moves on over the tick that has passed, under what was sent: a converter rounds what was asked for. What is further off
-    is a limit or a fault, which more volts would not mend. Returns what acceleration was left, in the low pass [m/s2]."""
-    inv = s.inverse
-    if not inv.running:
-        return 0.0
-    off = valve_V - s.asked_V
-    sent = inv.U[0] + (off if abs(off) <= COARSEST * s.settings.voltage_max_V else 0.0)
-    left = keep_first(
-        inv.x, inv.U, sent, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, s.past.supply_mean_Pa, inv.extra, inv.S, inv.w
-    )  # fmt: skip
-    inv.older, inv.before = inv.before, sent
-    return left
+@inlined
+def _given(plays, spread):
+    """Volts behind both plays of the valve's hysteresis (`behind_backlash`); plays: what the wide and the narrow one give."""
+    return plays[0] + spread * (plays[1] - plays[0])
+
+
+@inlined
+def _move_plays(plays, volts, half):
+    """Both plays under volts."""
+    plays[0], plays[1] = follow(plays[0], volts, half)[0], follow(plays[1], volts, NARROW * half)[0]
 
 
 @compiled
 def _load_Pa(s, bottom_Pa, top_Pa):
     """Of a rod side on the supply its pressure is no part of the load's oscillation."""
     return bottom_Pa - (s.sheet[S_A2] / s.sheet[S_A1] * top_Pa if s.sheet[S_FOUR_WAY] != 0.0 else 0.0)
+
+
+@compiled
+def _noise(s):
+    """A reading's noise [standard deviations]: evenly distributed numbers of Park and Miller (Comm. ACM 31, 1988), the same in every
+    run."""
+    e, prime = s.expected, 2147483647
+    e.random = 16807 * max(e.random, 1) % prime
+    return sqrt(12.0) * (e.random / prime - 0.5)
+
+
+@compiled
+def _judged(memory, x, sheet):
+    """One tick of the band in which a bump is judged; memory (4, 2)."""
+    for k in range(len(memory)):
+        x = low_pass(memory[k], x, sheet)
+    return x
+
+
+@compiled
+def _follow_volts(s, twin, volts, extra):
+    """A tick of a leg of the model, a record TWIN, under volts before its hysteresis. Returns its acceleration [m/s2]."""
+    numbers, speed, tick_s = s.numbers, twin.x[V], s.settings.tick_s
+    _move_plays(twin.plays, volts, numbers[PLAY])
+    given = _given(twin.plays, numbers[SPREAD])
+    split = numbers[DELAY] / tick_s - int(numbers[DELAY] / tick_s)
+    supply, none, w = s.past.supply_mean_Pa, s.expected.S, s.expected.w
+    tick(twin.x, none, numbers, s.sheet, given, twin.before_V, split, supply, extra, w)
+    twin.before_V = given
+    return (twin.x[V] - speed) / tick_s
+
+
+@compiled
+def _compensate(s):
+    """The leg of the model under the volts of the tick that has passed, with position loop, damping, noise and counts as they are.
+    Returns by how far it misses the demanded acceleration, in the judged band [m/s2]."""
+    e, inv, d, twin = s.expected, s.inverse, s.damping, s.expected.compensated
+    x, own = twin.x, inv.x
+    if not e.compensating:
+        copy(own, x)
+        twin.before_V, e.compensating = inv.before, 1
+        twin.plays[0], twin.plays[1] = inv.plays[0], inv.plays[1]
+        twin.loop.started = 0
+    away_m = x[Y] - own[Y]
+    off_Pa = _load_Pa(s, x[M1], x[M2]) - _load_Pa(s, own[M1], own[M2])
+    push(e.deviation_Pa, off_Pa + s.past.noise_Pa * _noise(s))
+    volts = inv.plays[2] + e.rounded_V - s.settings.position_gain_V_per_m * (away_m + e.noise_m)
+    volts -= let_out_V(d, e.deviation_Pa) + fed_back_V(twin.loop, s.settings, away_m, off_Pa)
+    missed = _follow_volts(s, twin, volts, inv.extra[0]) - (inv.v[1] - inv.v[0]) / s.settings.tick_s
+    return _judged(twin.filtered, missed, s.sheet)
+
+
+@compiled
+def _move_on(s, valve_V):
+    """The window moves on over the tick that has passed, under what was sent: a converter rounds what was asked for. What is further off
+    is a limit or a fault, which more volts would not mend. Returns what acceleration was left, in the low pass [m/s2]."""
+    inv, e = s.inverse, s.expected
+    if not inv.running:
+        return 0.0
+    off = valve_V - s.asked_V
+    e.rounded_V = off if abs(off) <= COARSEST * s.settings.voltage_max_V else 0.0
+    e.noise_m = s.past.noise_m * _noise(s)
+    e.missed = max(e.missed, abs(_compensate(s)))
+    sent = inv.U[0] + e.rounded_V
+    left = keep_first(
+        inv.x, inv.U, sent, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, s.past.supply_mean_Pa, inv.extra, inv.S, inv.w
+    )  # fmt: skip
+    inv.older, inv.before = inv.before, sent
+    return left
 
 
 @compiled
@@ -203,15 +280,16 @@ def _damp(s, bottom_Pa, top_Pa):
         d.expected_Pa[j] = d.expected_Pa[j - 1]
     d.expected_Pa[0] = _load_Pa(s, x[M1], x[M2])
     watch_damping(d, s.numbers, _load_Pa(s, bottom_Pa, top_Pa) - d.expected_Pa[whole], turn)
-    if s.share == 0.0:
-        return 0.0
     up, down = gains(s)
     own = settings.pressure_gain_V_per_Pa
     if sheet[S_FOUR_WAY] != 0.0:
         own *= 1.0 + (sheet[S_A2] / sheet[S_A1]) ** 3
     bump2 = max(s.expected.sigma2 + s.expected.left2, PERCEIVED_m_s2**2)
     rate = damping_rate_1_s(s.numbers, sheet, s.past.noise_Pa, bump2)
-    return damping_V(d, rate, oil_stiffness(s.numbers, sheet, x, s.inverse.w), sheet[S_A1], 0.5 * (up + down), own)
+    d.let_out_V_Pa = let_out_V_Pa(
+        rate, oil_stiffness(s.numbers, sheet, x, s.inverse.w), sheet[S_A1], 0.5 * (up + down), own
+    )
+    return damping_V(d) if s.share > 0.0 else 0.0
 
 
 @compiled
@@ -243,8 +321,8 @@ def _see(s):
         # more than twice that is no chance: the largest of a half stroke's noise scatters by a quarter
         if e.seen * e.seen > 2.0**2 * plain2:
             e.wrong = 1
-            e.left = max(e.left, e.seen)
-            e.left2 = max(e.left2, e.left * e.left / HALVES)
+            e.missed = max(e.missed, e.seen)
+            e.missed2 = max(e.missed2, e.missed * e.missed / HALVES)
 
 
 @compiled
@@ -258,8 +336,8 @@ def _saw(e):
 
 @compiled
 def _expect(s, volts, left, setpoint_m, forward_V):
-    """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
-    each half stroke."""
+    """Bumps that plain control makes by the model, that the volts leave (`_compensate`), and that the doubt about the numbers makes: the
+    largest of each half stroke."""
     e, ref, tick_s, numbers = s.expected, s.reference, s.settings.tick_s, s.numbers
     kp, supply = s.settings.position_gain_V_per_m, s.past.supply_mean_Pa
     whole = int(numbers[DELAY] / tick_s)
@@ -269,8 +347,10 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     up, down = gains(s)
     feeds = 1.0 if s.settings.controller_feeds_forward != 0.0 else 0.0
     here, after = ref.setpoint_m[0], ref.setpoint_m[1]
+    plain = e.plain
     if not e.started:
-        e.plain_V = _steady(e.plain, s, ref.position_m[0], ref.velocity_m_s[0], numbers)
+        plain.before_V = _steady(plain.x, s, ref.position_m[0], ref.velocity_m_s[0], numbers)
+        plain.plays[:] = plain.before_V
         e.started, e.unsteady = 1, QUEUE
         e.lag_m = here - ref.position_m[0]
     asked = loop_speed(s, e.lag_m, 1.0, up, down)  # plain control's own motion but for its bumps
@@ -278,12 +358,9 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     bend = after - 2.0 * here + ref.behind_m
     smooth = (loop_speed(s, e.lag_m, 1.0, up, down) - asked + feeds * bend / tick_s) / tick_s
     # plain control, by the model
-    control = kp * (setpoint_m - e.plain[Y]) + forward_V
-    control -= fed_back_V(e.loop, s.settings, e.plain[Y], _load_Pa(s, e.plain[P1], e.plain[P2]))
-    speed = e.plain[V]
-    tick(e.plain, e.S, numbers, s.sheet, control, e.plain_V, split, supply, numbers[MASS] * ref.extra_m_s2[0], e.w)
-    e.plain_V = control
-    b = low_pass(e.plain_filtered, (e.plain[V] - speed) / tick_s - smooth, s.sheet)
+    control = kp * (setpoint_m - plain.x[Y] - e.noise_m) + forward_V + e.rounded_V
+    control -= fed_back_V(plain.loop, s.settings, plain.x[Y], _load_Pa(s, plain.x[P1], plain.x[P2]))
+    b = _judged(plain.filtered, _follow_volts(s, plain, control, numbers[MASS] * ref.extra_m_s2[0]) - smooth, s.sheet)
     e.bump = max(e.bump, abs(b))
     e.left = max(e.left, abs(left))
     # the numbers' doubt in the compensated motion
@@ -322,23 +399,24 @@ def _expect(s, volts, left, setpoint_m, forward_V):
         e.turned = 1
     if e.unsteady > 0:  # the start state's own swing is no bump, and a half stroke that turned in it was not seen
         e.unsteady -= 1
-        e.bump = e.sigma = e.left = 0.0
+        e.bump = e.sigma = e.left = e.missed = 0.0
         if e.turned:
             e.begun = 0
     e.acceleration, e.velocity = a, v
     if peak and (e.turned or not e.begun):  # the middle of a stroke: a reversal lies behind
         if e.begun and e.bump > 0.0:  # and all of the half stroke
             k = e.halves % HALVES
-            e.bumps2[k], e.lefts2[k] = e.bump * e.bump, e.left * e.left
+            e.bumps2[k], e.lefts2[k], e.misses2[k] = e.bump * e.bump, e.left * e.left, e.missed * e.missed
             copy(e.worst, e.rows[k])
             e.halves += 1
-            e.bump2 = e.left2 = 0.0
+            e.bump2 = e.left2 = e.missed2 = 0.0
             for k in range(HALVES):
                 _doubt(s, k)
                 e.bump2 += e.bumps2[k] / min(e.halves, HALVES)
                 e.left2 += e.lefts2[k] / min(e.halves, HALVES)
+                e.missed2 += e.misses2[k] / min(e.halves, HALVES)
         _saw(e)
-        e.bump = e.sigma = e.left = 0.0
+        e.bump = e.sigma = e.left = e.missed = 0.0
         e.turned, e.begun = 0, 1
 
 
@@ -367,10 +445,11 @@ def _doubt(s, k):
 
 @compiled
 def _lacking2(s):
-    """What the model lacks, as acceleration squared: the pressure's residual beyond its noise."""
+    """What the model lacks, as acceleration squared: the pressure's residual beyond its noise, as white as that, in the judged band."""
     beyond = max(s.known.chi2[1] - 1.0, 0.0)
     per_Pa = s.sheet[S_A1] / (s.numbers[MASS] * s.sheet[S_OWN])
-    return beyond * (s.fit.noise[1] * per_Pa) ** 2
+    band = 2.0 * 0.668 * FELT_HZ * s.settings.tick_s  # integral of 1/(1 + x^4)^4 over x = f/FELT_HZ, four low passes
+    return min(band, 1.0) * beyond * (s.fit.noise[1] * per_Pa) ** 2
 
 
 @compiled
@@ -385,20 +464,8 @@ def _stakes(s):
     first one has shown so far where a leg goes on from an earlier run."""
     e = s.expected
     if _goes_on(s):
-        return e.bump * e.bump, e.sigma + e.left * e.left + _lacking2(s)
-    return e.bump2, e.sigma2 + e.left2 + _lacking2(s)
-
-
-@inlined
-def _given(plays, spread):
-    """Volts behind both plays of the valve's hysteresis (`behind_backlash`); plays: what the wide and the narrow one give."""
-    return plays[0] + spread * (plays[1] - plays[0])
-
-
-@inlined
-def _move_plays(plays, volts, half):
-    """Both plays under volts."""
-    plays[0], plays[1] = follow(plays[0], volts, half)[0], follow(plays[1], volts, NARROW * half)[0]
+        return e.bump * e.bump, e.sigma + e.missed * e.missed + _lacking2(s)
+    return e.bump2, e.sigma2 + e.missed2 + _lacking2(s)
 
 
 @compiled
@@ -473,6 +540,20 @@ def _probe_through_hysteresis(s, control_V, volts):
 
 
 @compiled
+def _follow_known(s):
+    """A tick of the numbers that act towards those that are found. A bristle that gives more carries its force over a longer way."""
+    numbers, known = s.numbers, s.known.numbers
+    if numbers[MASS] == 0.0:
+        copy(known, numbers)
+        s.reference.stale = QUEUE
+    give = numbers[GIVE]
+    for k in range(N_NUMBERS):
+        numbers[k] += s.settings.tick_s / FOLLOW_S * (known[k] - numbers[k])
+    for x in (s.inverse.x, s.expected.plain.x, s.expected.compensated.x):
+        x[Z] *= numbers[GIVE] / give
+
+
+@compiled
 def tick_of(
     s,
     table,
@@ -504,11 +585,7 @@ def tick_of(
         work(s)
     if not s.known.valid:
         return 0.0
-    if s.numbers[MASS] == 0.0:
-        copy(s.known.numbers, s.numbers)
-        ref.stale = QUEUE
-    for k in range(N_NUMBERS):
-        s.numbers[k] += settings.tick_s / FOLLOW_S * (s.known.numbers[k] - s.numbers[k])
+    _follow_known(s)
     if ref.stale > 0:  # a demanded motion by numbers that are not the leg's
         ref.stale -= 1
         return 0.0
