@@ -52,10 +52,8 @@ def compiled(function: Callable[..., Any], *, forceinline: bool = False, hands_v
     Compiled callers share one native function for all constants and lengths that they give it, where numba makes one for each.
     """
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "nogil": True, "forceinline": forceinline}
-    options |= {
-        "_nrt": hands_views,
-        "no_cfunc_wrapper": True,
-    }  # C gets callbacks alone; a twelfth of the time to compile
+    options["no_cfunc_wrapper"] = True  # C gets callbacks alone; a twelfth of the time to compile
+    options["_nrt"] = hands_views  # numba's counting of references
     try:
         dispatcher = njit(**options)(function)
     except RuntimeError:  # neither the package's folder nor the user's can be written

@@ -36,11 +36,8 @@ def compiled(function: Callable[..., Any], other_sources: str = "", *, allocates
     """
     is_inlined = function.__module__.startswith("hexsim.hydraulics.")
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_inlined}
-    options |= {
-        "nogil": True,
-        "no_cfunc_wrapper": True,
-        "_nrt": allocates,
-    }  # threads run side by side; C gets callbacks
+    options |= {"nogil": True, "no_cfunc_wrapper": True}  # threads run side by side; C gets callbacks alone
+    options["_nrt"] = allocates  # numba's counting of references
     try:
         dispatcher = njit(**options)(function)
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written

@@ -301,6 +301,20 @@ def _begin_fold(s):
 
 
 @compiled
+def _copy_window(source, target):
+    """What was measured in a window, and what is known of it."""
+    copy(source.position_m, target.position_m)
+    copy(source.bottom_Pa, target.bottom_Pa)
+    copy(source.top_Pa, target.top_Pa)
+    copy(source.supply_Pa, target.supply_Pa)
+    copy(source.load_N, target.load_N)
+    copy(source.volts, target.volts)
+    copy(source.measured, target.measured)
+    copy(source.doubt_N, target.doubt_N)
+    target.first = source.first
+
+
+@compiled
 def _begin_look(s):
     """A pass over an older window at the settled numbers: what it said was in the linearisation at those of that time. In turn, as
     many between two fits as a pass sees. Returns whether there is one."""
@@ -310,15 +324,7 @@ def _begin_look(s):
     fit.looked += 1
     fit.again = (fit.again + 1) % min(fit.kept, KEPT)
     kept = s.older[fit.again]
-    copy(kept.position_m, window.position_m)
-    copy(kept.bottom_Pa, window.bottom_Pa)
-    copy(kept.top_Pa, window.top_Pa)
-    copy(kept.supply_Pa, window.supply_Pa)
-    copy(kept.load_N, window.load_N)
-    copy(kept.volts, window.volts)
-    copy(kept.measured, window.measured)
-    copy(kept.doubt_N, window.doubt_N)
-    window.first = kept.first
+    _copy_window(kept, window)
     _start_pass(s, fit.best.numbers, False)
     copy(kept.start, fit.trial.start[OLDER])
     fit.at_window, fit.folding = OLDER, 1
@@ -358,15 +364,7 @@ def _keep_window(s, n):
     fit, window = s.fit, s.windows[n]
     kept = s.older[fit.kept % KEPT]
     fit.kept += 1
-    copy(window.position_m, kept.position_m)
-    copy(window.bottom_Pa, kept.bottom_Pa)
-    copy(window.top_Pa, kept.top_Pa)
-    copy(window.supply_Pa, kept.supply_Pa)
-    copy(window.load_N, kept.load_N)
-    copy(window.volts, kept.volts)
-    copy(window.measured, kept.measured)
-    copy(window.doubt_N, kept.doubt_N)
-    kept.first = window.first
+    _copy_window(window, kept)
     fade = exp(-(window.first - fit.folded_until) * s.settings.tick_s / MEMORY_S)
     fit.folded_until = window.first
     fit.folded_H *= fade
