@@ -26,7 +26,7 @@ class Library(JITCodeLibrary):
 
     def __init__(self, codegen: Any, name: str) -> None:
         super().__init__(codegen, name)
-        self.for_callers = bool(_COMPILING) and _is_inner(_COMPILING[-1])
+        self.for_callers = bool(_COMPILING) and bool(_COMPILING[-1].get("no_cpython_wrapper"))
 
     @property
     def codegen(self) -> Any:
@@ -75,15 +75,7 @@ class _Nesting(event.Listener):
         _COMPILING.append(getattr(event.data["dispatcher"], "targetoptions", {}))  # a lifted loop has none
 
     def on_end(self, event: Any) -> None:
-        options, dispatcher = _COMPILING.pop(), event.data["dispatcher"]
-        made = getattr(dispatcher, "overloads", {}).get(event.data.get("args"))
-        if made is not None and not _is_inner(options) and not _counts(options):
-            _refuse_array(dispatcher, made.signature.return_type)
-
-
-def _is_inner(options: dict[str, Any]) -> bool:
-    """Is it a function that compiled ones alone ask for?"""
-    return bool(options.get("no_cpython_wrapper"))
+        _COMPILING.pop()
 
 
 def _counts(options: dict[str, Any]) -> bool:
@@ -138,7 +130,13 @@ def linked(
         for name in ("_index_name", "_data_name_pattern"):
             setattr(stored, name, "linked-" + getattr(stored, name))
         stored._index_path = stored._data_path(stored._index_name)
-    template = inner.get_call_template
+    template, compile_ = inner.get_call_template, dispatcher._compiler.compile
+
+    def compile_for_python(args: Any, return_type: Any) -> Any:
+        made = compile_(args, return_type)
+        if not _counts(options):  # before it is kept
+            _refuse_array(dispatcher, made.signature.return_type)
+        return made
 
     def get_call_template(args: Any, kws: Any) -> Any:
         found = template(tuple(map(general, args)), {name: general(kind) for name, kind in kws.items()})
@@ -146,5 +144,6 @@ def linked(
             _refuse_array(dispatcher, inner.overloads[tuple(found[2])].signature.return_type)
         return found
 
+    dispatcher._compiler.compile = compile_for_python
     dispatcher.get_call_template, dispatcher.get_overload = get_call_template, inner.get_overload
     return dispatcher

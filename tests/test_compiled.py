@@ -155,7 +155,7 @@ def sum_of_twice(x):
     return twice(x).sum()
 
 x = np.ones(3)
-for function in (same, both, first_of_twice, first_of_same):
+for function in 2 * (same, both, first_of_twice, first_of_same):
     try:
         function(x)
     except Exception as error:
@@ -172,10 +172,11 @@ def test_arrays_go_only_where_they_are_counted_alike(tmp_path):
     compiled, for the array would be freed under its user, or never."""
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
     (tmp_path / "handed.py").write_text(HANDED)
-    ended = subprocess.run(
-        [sys.executable, str(tmp_path / "handed.py")], env=environment, capture_output=True, text=True
-    )
-    assert ended.returncode == 0, ended.stderr
+    for _ in range(2):  # the next process finds none of it compiled either
+        ended = subprocess.run(
+            [sys.executable, str(tmp_path / "handed.py")], env=environment, capture_output=True, text=True
+        )
+        assert ended.returncode == 0, ended.stderr
 
 
 DAMAGES = [("*.nbi", "flipped"), ("*.nbi", "empty"), ("*.nbi", "cut"), ("*.nbc", "empty"), ("*.nbc", "flipped")]
