@@ -5,7 +5,7 @@
 Columns are finite differences of whole simulations. A search takes long steps, which see past the oil's ringing; a fit that is
 stated takes each number's own standard deviation: over more of it a tone turns, and two numbers that trade look as if they
 could be told apart. Columns of declared parameters are kept between hypotheses (the shifts are small); those of effects are
-made anew in every step. Covariance: by the scatter of blocks, `covariance`.
+made anew in every step, but where many small ones are fitted beside. Covariance: by the scatter of blocks, `covariance`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from hexsim.tracing.fitting.parameters import (
     to_value,
     with_settings,
 )
-from hexsim.tracing.problems.problem import N_CORES, FitProblem, chi2_of, drop_diverged, in_job
+from hexsim.tracing.problems.problem import FitProblem, chi2_of, drop_diverged
 
 Array = np.ndarray
 KEPT = 0.7  # of what a step promises: columns that give less, or as much more, are poor
@@ -50,8 +50,6 @@ class Fit:
     misfit: list[Array]
     covariance: Array | None = None  # of coordinates: deviations in half widths, then effect numbers
     columns: list[Array] | None = None  # of the declared parameters, a log: (n_priors, n_channels, n)
-    # misfits and steps of `effect_neighbours` while a refit runs
-    neighbours: tuple[list[Array], list[float]] | None = None
     # standard deviation of each coordinate if all others were known, (k,): the length of the steps of a stated fit
     alone: Array | None = None
 
@@ -94,7 +92,7 @@ class Fit:
 def evaluate(fit: Fit, problem: FitProblem) -> Fit:
     """The fit where it stands, with its misfit as the problem sees it."""
     misfit = [m[0] for m in problem.misfit([fit.built()])]
-    return replace(fit, misfit=misfit, chi2=chi2_of(misfit), n=sum(m.size for m in misfit), neighbours=None)
+    return replace(fit, misfit=misfit, chi2=chi2_of(misfit), n=sum(m.size for m in misfit))
 
 
 def start_fit(machine: Machine, priors: tuple[Prior, ...], problem: FitProblem) -> Fit:
@@ -155,11 +153,10 @@ def effect_neighbours(
 
 def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0, only: int | None = None) -> list[Array]:
     """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n)."""
-    if fit.neighbours is None:
-        machines, steps = effect_neighbours(fit, share, only)
-        varied = problem.misfit(machines)
-    else:
-        varied, steps = fit.neighbours
+    machines, steps = effect_neighbours(fit, share, only)
+    if not machines:
+        return []
+    varied = problem.misfit(machines)
     return drop_diverged(
         [(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)]
     )
@@ -185,7 +182,7 @@ def without_effect(fit: Fit, k: int) -> Fit:
     """The fit without its k-th effect, all else as it is."""
     candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
     return replace(
-        fit, candidates=candidates, values=values, covariance=None, columns=None, neighbours=None, alone=None
+        fit, candidates=candidates, values=values, covariance=None, columns=None, alone=None
     )
 
 
@@ -206,6 +203,7 @@ def refine(
     stated: bool = False,
     worth: Callable[[Fit, float], bool] | None = None,
     made_here: bool = False,
+    many: bool = False,
 ) -> Fit:
     """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance`, or by less than the share
     `relative` of the excess; a step that promises less is not tried.
@@ -214,18 +212,20 @@ def refine(
     and before the last step. Those that the fit brings are old, unless made_here. stated: its numbers are told to people: fresh, and
     by steps of standard deviations.
     worth: is a fit worth a step that promises so much, as the last one kept its promise?
+    many: effects, most of them small: their columns are corrected and made anew as those of the declared parameters.
     """
     if not fit.priors and not fit.candidates:
         return fit
     if stated:
         alone = np.full(len(coordinates_of(fit)), 0.1 * rules.LEAST_STEP)
-        fresh, fit = True, replace(fit, neighbours=None, alone=alone)
+        fresh, fit = True, replace(fit, alone=alone)
     age, shared = 0 if fit.columns is None or made_here else 1, fit.columns is not None
     fit = parameter_columns(fit, problem) if fit.columns is None else fit
-    damping, trust = 0.0, 1.0
+    damping, trust, effects = 0.0, 1.0, None
     A, scores = np.zeros((0, 0)), np.zeros((0, 0))
     for _ in range(steps):
-        columns = _all_columns(fit, problem)
+        effects = effect_columns(fit, problem) if effects is None or not many else effects
+        columns = _columns(fit, effects)
         A, b, scores = _system(fit, columns, problem)
         better = None
         first = fall_of(A, b, _step(fit, A, b, damping)[1])
@@ -245,7 +245,9 @@ def refine(
         stale = fresh and age > 0
         gain = 0.0 if better is None else _cost(fit) - _cost(better)
         if better is not None and fresh and gain >= least:
-            better, shared = replace(better, columns=corrected(columns, step, np.diag(A), fit, better, shared)), False
+            found = corrected(columns, step, np.diag(A), fit, better, shared, many)
+            better, shared = replace(better, columns=[own[0] for own in found]), False
+            effects = [own[-1] for own in found]
         fit, trust = better or fit, min(gain / max(first, 1e-300), 1.0)
         fit = replace(fit, alone=np.maximum(np.diag(A), 1e-300) ** -0.5) if stated else fit
         if gain < least and not stale:
@@ -256,24 +258,25 @@ def refine(
             if worth is not None and not worth(fit, hope):
                 break
             # gone before the new ones are made: of a long log both are large
-            fit, better, trial, columns = replace(fit, columns=None), None, None, None
+            fit, better, trial, columns, effects = replace(fit, columns=None), None, None, None, None
             fit, age, damping, shared = parameter_columns(fit, problem), 0, 0.0, False
     covariance = scattered(A, prior_terms(fit)[0], scores)
     # of a long log they are made anew where they are asked for
     columns = fit.columns if problem.duration_s <= rules.LONG_S else None
-    return replace(fit, covariance=covariance, neighbours=None, columns=columns)
+    return replace(fit, covariance=covariance, columns=columns)
 
 
 def promise_of(fit: Fit, problem: FitProblem) -> float:
     """Fall of the cost that the columns which a fit holds promise."""
-    A, b, _ = _system(fit, _all_columns(fit, problem), problem)
+    A, b, _ = _system(fit, _columns(fit, effect_columns(fit, problem)), problem)
     return fall_of(A, b, _step(fit, A, b, 0.0)[1])
 
 
 def corrected(
-    columns: Sequence[Columns], step: Array, scale: Array, fit: Fit, after: Fit, shared: bool = True
-) -> list[Array]:
-    """The columns of the declared parameters by what a step has shown (Broyden's least change, coordinates scaled).
+    columns: Sequence[Columns], step: Array, scale: Array, fit: Fit, after: Fit, shared: bool = True, many: bool = False
+) -> list[list[Array]]:
+    """The columns of the declared parameters, many: and those of effects, by what a step has shown (Broyden's least change,
+    coordinates scaled).
 
     columns: of all coordinates, a log in parts; scale (k,): the diagonal of the normal matrix. Those that are not shared are
     changed in place: of a long log they are hundreds of megabytes.
@@ -285,19 +288,17 @@ def corrected(
         for part in parts:
             off -= np.tensordot(step[first : first + len(part)], part, 1)
             first += len(part)
-        own = parts[0].copy() if shared else parts[0]
-        for column, share in zip(own, weight[: len(own)], strict=True):
+        own = [parts[0].copy() if shared else parts[0], *(parts[1:] if many else ())]
+        for column, share in zip((column for part in own for column in part), weight, strict=False):
             column += share * off
         found.append(own)
     return found
 
 
-def _all_columns(fit: Fit, problem: FitProblem) -> list[Columns]:
-    """Columns of all coordinates, a log: the kept ones of declared parameters, those of effects anew."""
+def _columns(fit: Fit, effects: list[Array]) -> list[Columns]:
+    """Columns of all coordinates, a log: the kept ones of declared parameters, and those of effects."""
     assert fit.columns is not None
-    if not fit.candidates:
-        return [(own,) for own in fit.columns]
-    return list(zip(fit.columns, effect_columns(fit, problem), strict=True))
+    return list(zip(fit.columns, effects, strict=True)) if fit.candidates else [(own,) for own in fit.columns]
 
 
 def _system(fit: Fit, columns: Sequence[Columns], problem: FitProblem) -> tuple[Array, Array, Array]:
@@ -363,11 +364,5 @@ def fit_at(fit: Fit, coordinates: Array) -> Fit:
 
 
 def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
-    """The fit at other coordinates. Where a core would idle its neighbours are simulated with it: the next step needs them."""
-    trial = fit_at(fit, coordinates)
-    if not trial.candidates or in_job() or len(problem.logs) >= N_CORES:
-        return evaluate(trial, problem)
-    machines, steps = effect_neighbours(trial)
-    found = problem.misfit([trial.built(), *machines])
-    misfit = [own[0] for own in found]
-    return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=([own[1:] for own in found], steps))
+    """The fit at other coordinates."""
+    return evaluate(fit_at(fit, coordinates), problem)

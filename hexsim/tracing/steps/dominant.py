@@ -342,9 +342,8 @@ def refit_beside_rest(final: Fit, trace: Trace) -> Fit:
     problem = at_the_rest(trace.fit_problem, trace.base)
     declared = replace(final, deviations=trace.base.deviations)
     starts = [start_fit_at(fit, problem) for fit in (final, declared)]
-    fitted = refine(
-        min(starts, key=lambda fit: fit.chi2), problem, steps=rules.FEW_STEPS, fresh=True, relative=rules.BASE_TOLERANCE
-    )
+    start = min(starts, key=lambda fit: fit.chi2)
+    fitted = refine(start, problem, fresh=True, relative=rules.BASE_TOLERANCE, many=True)
     return replace(start_fit_at(fitted, trace.fit_problem), covariance=fitted.covariance)
 
 
