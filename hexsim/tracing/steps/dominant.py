@@ -343,7 +343,7 @@ def refit_beside_rest(final: Fit, trace: Trace) -> Fit:
     declared = replace(final, deviations=trace.base.deviations)
     starts = [start_fit_at(fit, problem) for fit in (final, declared)]
     start = min(starts, key=lambda fit: fit.chi2)
-    fitted = refine(start, problem, fresh=True, relative=rules.BASE_TOLERANCE, many=True)
+    fitted = refine(start, problem, steps=rules.FEW_STEPS, fresh=True, relative=rules.BASE_TOLERANCE, many=True)
     return replace(start_fit_at(fitted, trace.fit_problem), covariance=fitted.covariance)
 
 
