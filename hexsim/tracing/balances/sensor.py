@@ -63,7 +63,7 @@ class Imu(Balance):
     def places(self, log: Log) -> list[str]:
         return [f"platform {row}" for row in ROWS]
 
-    def residual(self, log: Log, machine: Machine) -> Array:
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
         resolved = resolved_machine(machine)
         sensors, built = resolved.sensors, resolved.mechanics
         read = (sensors.acceleration_offset_m_s2, sensors.acceleration_gain, sensors.acceleration_delay_s)
@@ -77,18 +77,19 @@ class Imu(Balance):
         key = (
             read, tuple(position_settings(resolved, i) for i in range(6)), *(np.asarray(x).tobytes() for x in arrays),
         )  # fmt: skip
-        return latest(log, "imu", key, lambda: self.compared(log, resolved))
+        return latest(log, ("imu", at.start, at.stop, at.step), key, lambda: self.compared(log, resolved, at))
 
     @staticmethod
-    def compared(log: Log, resolved: Resolved) -> Array:
+    def compared(log: Log, resolved: Resolved, at: slice) -> Array:
         """The residual of the sensors' settings and the joints of a machine."""
-        look, window = Window(log.rate, WIDE_S), Window(log.rate)
+        look, window = Window(log.rate, WIDE_S, at), Window(log.rate)
         motion = platform_motion(log, resolved, [sensed_leg(log, resolved, i) for i in range(6)])
         legs, poses = resolved.mechanics, motion.poses.T
         pose, rate, second = look.mean(poses).T, look.rate(poses).T, look.second_rate(poses).T
         moved = legs.to_platform_frame(pose, legs.twist_rate(pose, rate, second))
         residual = moved.T - look.mean(window.mean(felt_by_imu(log, resolved, motion.omega).T))
-        residual[:, -(look.half + window.half) :] = 0.0  # what windows do not see whole
+        seen_whole = np.arange(log.n)[at] < log.n - look.half - window.half
+        residual[:, ~seen_whole] = 0.0
         return residual
 
 
