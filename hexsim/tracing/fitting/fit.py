@@ -181,9 +181,7 @@ def with_effects(fit: Fit, candidates: Sequence[Candidate], size: float, problem
 def without_effect(fit: Fit, k: int) -> Fit:
     """The fit without its k-th effect, all else as it is."""
     candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
-    return replace(
-        fit, candidates=candidates, values=values, covariance=None, columns=None, alone=None
-    )
+    return replace(fit, candidates=candidates, values=values, covariance=None, columns=None, alone=None)
 
 
 def prior_terms(fit: Fit) -> tuple[Array, Array]:
