@@ -16,16 +16,17 @@ os.environ["NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"] = "1"
 
 
 def computers() -> None:
-    """`adaptive`, what a motion computer predicts of its host, and the plant that tests of tracing have of their own."""
+    """Algorithms of one leg, what a motion computer predicts of its host, and the plant that tests of tracing have of their own."""
     import compensation
     from compensation import Context, Sample
     from hexsim.motion_computer import host_packet
     from hexsim.motion_computer.host_buffer import HostBuffer
 
-    made = compensation.create("adaptive")
     sample = Sample(0.0, 0.1, np.full(15, 0.1), 0.1, 0.0, 0.0, 3.4e6, 7e6)
-    _, state = made.step(made.start(Context()), sample)
-    made.parameters(state)
+    for name in ("adaptive", "buffered", "iterative"):
+        made = compensation.create(name)
+        _, state = made.step(made.start(Context()), sample)
+        made.parameters(state)
     buffer = HostBuffer()
     for k in range(4):
         buffer.add(host_packet.HostCommand(sequence=k, time_s=0.01 * k, setpoints=(0.0,) * 6), 0.01 * k)
