@@ -45,6 +45,19 @@ def pointer(typingctx: Any, address: Any) -> Any:  # type: ignore[misc]
 
 
 @intrinsic
+def address(typingctx: Any, array: Any) -> Any:  # type: ignore[misc]
+    """Where the numbers of an array lie, one after the other."""
+    if array.layout != "C":
+        raise TypeError(f"{array} does not lie in one piece")
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data = context.make_array(array)(context, builder, args[0]).data
+        return builder.ptrtoint(data, context.get_value_type(types.int64))
+
+    return types.int64(array), codegen
+
+
+@intrinsic
 def call_tick(typingctx: Any, address: Any, desk: Any, what: Any) -> Any:  # type: ignore[misc]
     """Call a TICK at an address with a pointer to a LEGS."""
 

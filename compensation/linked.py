@@ -8,6 +8,7 @@ signatures are asked for by compiled callers alone, which do it once more. Witho
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -91,6 +92,17 @@ def _refuse_array(dispatcher: Any, kind: Any) -> None:
         _refuse_array(dispatcher, part)
 
 
+def _handing_on(function: Callable[..., Any], inner: Any) -> Any:
+    """A function of the same parameters that calls another one."""
+    names = ", ".join(inspect.signature(function).parameters)
+    return eval(f"lambda {names}: inner({names})", {"__name__": function.__module__, "inner": inner})
+
+
+def _compiled(dispatcher: Any, args: tuple[Any, ...]) -> Any:
+    """What is compiled of it for these types, here or by an earlier process; None: nothing."""
+    return dispatcher.overloads.get(args) or dispatcher._cache.load_overload(args, dispatcher.targetctx)
+
+
 # private names of numba that this stands on: where a version lacks one, functions are compiled as numba does
 KNOWN = hasattr(cpu_target.target_context.codegen(), "_library_class") and all(
     hasattr(JITCodeLibrary, name)
@@ -132,6 +144,15 @@ def linked(
         stored._index_path = stored._data_path(stored._index_name)
     template, compile_ = inner.get_call_template, dispatcher._compiler.compile
 
+    def implementation(args: Any, kws: Any) -> Any:
+        """For Python: a call of what compiled callers have, where one of them has asked for it, and not all of it once more."""
+        made = None if inner is dispatcher else _compiled(inner, tuple(args))
+        if made is None:
+            return dispatcher.py_func
+        if not _counts(options):
+            _refuse_array(dispatcher, made.signature.return_type)
+        return _handing_on(dispatcher.py_func, inner)
+
     def compile_for_python(args: Any, return_type: Any) -> Any:
         made = compile_(args, return_type)
         if not _counts(options):  # before it is kept
@@ -144,6 +165,6 @@ def linked(
             _refuse_array(dispatcher, inner.overloads[tuple(found[2])].signature.return_type)
         return found
 
-    dispatcher._compiler.compile = compile_for_python
+    dispatcher._compiler.compile, dispatcher._compiler._get_implementation = compile_for_python, implementation
     dispatcher.get_call_template, dispatcher.get_overload = get_call_template, inner.get_overload
     return dispatcher

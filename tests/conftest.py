@@ -3,6 +3,7 @@
 import gc
 import os
 
+import compiled_first
 import pytest
 
 from hexsim import Machine
@@ -10,6 +11,14 @@ from hexsim.hydraulics import parameters
 from hexsim.machine import load_machine
 
 os.environ["HEXSIM_NO_PROGRESS"] = "1"  # stderr holds sentences alone, on a slow computer and with an empty cache too
+
+
+def pytest_sessionstart(session) -> None:
+    """Each of several workers compiles a part of what most tests stand on."""
+    if given := getattr(session.config, "workerinput", None):
+        first, step = int(given["workerid"].removeprefix("gw")), given["workercount"]
+        for part in compiled_first.PARTS[first::step]:
+            part()
 
 
 def pytest_collection_finish() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 from ..compensator import Compensator, Context, Parameters, Sample
 from ..compiled import compiled
 from ..knowledge import Knowledge
-from ..prediction import prediction_table
 from ..records import Record, empty
 from .estimator import FEWEST, KNOWN_LEG
 from .known import knowledge_of
@@ -69,23 +68,20 @@ class Adaptive(Compensator):
         return state
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
-        numbers = (
-            sample.load_of_pose_m_s2, sample.setpoint_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
-            sample.pressure_top_Pa, sample.feed_forward_V, 0.0,
-        )  # fmt: skip
-        pose, setpoint, position, control, valve, bottom, top, forward, added = np.array(numbers, float).reshape(9, 1)
         preview, loads, mobility, forces, speeds = (
             np.asarray(values, float)
             for values in (
                 sample.preview_m, sample.load_preview_m_s2, sample.mobility, sample.forces_N, sample.speeds_m_s
             )
         )  # fmt: skip
-        acts = np.ones((2, 1), bool)
-        tick_legs(  # and no function of its own, which holds all of the algorithm once more
-            state.states, acts[0], prediction_table(), preview[None], np.array([max(len(preview), len(loads))]), loads[None], pose,
-            mobility[None], forces, speeds, setpoint, position, control, valve, bottom, top, float(sample.pressure_supply_Pa), forward,
-            added, acts[1],
+        numbers = (
+            sample.load_of_pose_m_s2, sample.setpoint_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
+            sample.pressure_top_Pa, sample.feed_forward_V, 0.0,
         )  # fmt: skip
+        pose, *others, added = np.array(numbers, float).reshape(9, 1)
+        acts, counts = np.ones((2, 1), bool), np.array([max(len(preview), len(loads))])
+        given = preview[None], loads[None], pose, mobility[None], forces, speeds, *others
+        tick_legs(state.states, acts[0], counts, given, sample.pressure_supply_Pa, added, acts[1])
         return float(added[0]), state
 
     def together(self, states: Sequence[AdaptiveState]) -> AdaptiveLegs:

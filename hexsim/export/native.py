@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -69,9 +70,13 @@ class StepView(NamedTuple):
 
 
 def equations(plant: Plant) -> dict[str, Any]:
-    """The compiled functions that the C source calls as hexsim_NAME; `choose` for the counts of this plant."""
+    """The compiled functions that the C source calls as hexsim_NAME."""
+    return _equations(plant.n_legs, len(plant.layout), plant.model.na)
+
+
+@cache
+def _equations(n_legs: int, n_actuators: int, n_states: int) -> dict[str, Any]:
     number, pointer = types.float64, types.CPointer(types.float64)
-    n_legs, n_actuators, n_states = plant.n_legs, len(plant.layout), plant.model.na
     stiffness, own_frequency, rule_of, rate = steps.stiffness, steps.own_frequency, steps.rule_of, steps.supply_rate
     steps_by_rule = steps.count_steps_by_rule
 

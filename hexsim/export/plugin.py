@@ -13,6 +13,7 @@ import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -195,6 +196,7 @@ def exact_numbers(
         set_to(before)
 
 
+@cache
 def equations() -> dict[str, Any]:
     """The compiled functions that leg_plugin.c calls, by their symbols."""
     number, pointer = types.float64, types.CPointer(types.float64)

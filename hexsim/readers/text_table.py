@@ -145,12 +145,15 @@ def find_table(
     ]
     if not kept:
         raise HexsimError(f"{path} is empty: no row of data")
-    if any(max(map(lines[i].count, TRIED)) > LARGEST.text_columns for i in kept):
+    longest = LARGEST.text_columns  # a row has fewer cells than characters
+    if any(len(lines[i]) > longest and max(map(lines[i].count, TRIED)) > longest for i in kept):
         raise HexsimError(
             f"{path} has a row of more than {LARGEST.text_columns:,} cells, which are the most: save fewer columns"
         )
     kept = kept[: max(most_characters // max(len(lines[kept[len(kept) // 2]]), 1), least_lines)]
     tried = (SEPARATORS[layout.separator],) if layout.separator else (told[1],) if told else TRIED
+    absent = [mark for mark in tried if mark != " " and not any(mark in lines[i] for i in kept)]
+    tried = [mark for mark in tried if mark not in absent[1:]]  # they divide nothing, alike
     width = len(layout.columns) if layout.columns else None
     found = [shape for mark in tried if (shape := Shape.of([split(lines[i], mark) for i in kept], mark, width))]
     if not found:
