@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hexsim.inference import stated
-from hexsim.tracing.report import tables
+from hexsim.tracing.report.tables import chances
 
 
 def test_the_stated_chance_is_a_count(monkeypatch):
@@ -27,6 +27,6 @@ def test_a_hydraulic_name_has_the_chance_of_its_kind(monkeypatch):
     """A name beside a residual and a tied one each have the counts of their own kind, a learned curve none."""
     monkeypatch.setattr(stated, "counts", lambda: {"partly": (1, 100), "partly, tied": (0, 20)})
     named = [{"name": "a", "tied_with": []}, {"name": "b", "tied_with": ["c"]}, {"name": "", "tied_with": []}]
-    alone, tied = tables.chances({"verdict": "partly", "effects": named})
+    alone, tied = chances({"verdict": "partly", "effects": named})
     assert alone == "wrong on made-up machines: 1 of 100 names alone beside a residual, at most 5 % at 95 %"
     assert "0 of 20 ties beside a residual, at most 14 %" in tied

@@ -14,10 +14,10 @@ from hexsim.signals import channels
 from hexsim.simulation import simulate
 from hexsim.tracing.design import motions
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation import rig as rigs
-from hexsim.tracing.simulation import simulator
-from hexsim.tracing.simulation import start as starts
 from hexsim.tracing.simulation.closed_loop import answer
+from hexsim.tracing.simulation.rig import rig_of
+from hexsim.tracing.simulation.simulator import inputs_of
+from hexsim.tracing.simulation.start import start_state
 
 DATA = Path(__file__).parents[1] / "data"
 NOISE = {
@@ -103,8 +103,8 @@ def test_steps_of_a_fit_err_far_below_the_noise():
     rougher = changed(declared, {"friction.coulomb_extend_N": 68.0})
     answers = {}
     for machine in (declared, rougher):
-        rig, resolved = rigs.rig_of(machine, rate_Hz=log.rate)
-        inputs, start = simulator.inputs_of(log, rig), starts.start_state(rig, resolved, log)
+        rig, resolved = rig_of(machine, rate_Hz=log.rate)
+        inputs, start = inputs_of(log, rig), start_state(rig, resolved, log)
         for fine in (rig, rig._replace(rule=rig.rule._replace(steady=20.0 * log.rate))):
             answers[machine is rougher, fine is rig] = answer(fine, inputs, start)
     for row, noise in ((0, NOISE["position_m"]), (2, NOISE["pressure_bottom_Pa"]), (5, NOISE["acceleration_m_s2"])):
