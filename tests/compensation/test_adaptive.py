@@ -495,9 +495,9 @@ def test_start_parameters_that_are_surely_wrong_shake_nothing(compensated) -> No
     assert peaks[-1] < plain.peak(4.0, 10.0) / 3
 
 
-@pytest.mark.parametrize(("name", "change", "acts"), [("DEAD_UP", 0.002, False), ("LN_SPOOL", -0.3, True)])
+@pytest.mark.parametrize(("name", "change", "acts"), [("COULOMB_UP", 5.0, False), ("LN_SPOOL", -0.3, True)])
 def test_numbers_that_act_change_where_what_they_leave_is_felt(name, change, acts, compensated) -> None:
-    """From 5.2 s on an edge is found 2 mV farther, by which the volts leave a bump that nobody feels: what acts stays, and so does what
+    """From 5.2 s on friction up is found 5 N larger, by which the volts leave a bump that nobody feels: what acts stays, and so does what
     is left. Or a spool is found a quarter slower, by which they leave more: that acts within two periods."""
     made, leg, done, _ = compensated
     fixed, k = Adaptive(learn=False), getattr(model, name)
