@@ -3,15 +3,15 @@
 Bump of a reversal: the largest deviation of the acceleration (50 Hz, zero phase) from the linear answer to the setpoint, from 0.1 s
 before the reversal to 0.5 s after it. The linear answer is the least-squares fit of the setpoint's acceleration, late by LATE_S, to
 the second half of the run: of a sine the fundamental. Worst late bump: the largest of the second half.
-Worse: beyond plain control's bump by 5 % and by 0.03 m/s2, of a reversal after the compensation has engaged. While it comes in, the
-motion goes from plain control's linear answer to the compensated one: a reversal is judged against the mean of both that fits it best.
+Worse: beyond plain control's bump by 5 % and by 0.03 m/s2, of a reversal after the first volts, be they a probe or of a compensation
+that leaves again. While it comes in, the motion goes from plain control's linear answer to the compensated one: a reversal is judged
+against the mean of both that fits it best.
 Plain control follows late: its bump is looked for LAG_S longer, so that both have the same reversals in their windows.
 Beyond chance: beyond that of plain control with two noises.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -91,18 +91,18 @@ class Figures:
 
 def figures(run: Run, plain: Run, again: Run) -> Figures:
     """Compensated, plain with the same noise, plain with another one."""
-    return figures_of([each.acceleration_m_s2 for each in (run, plain, again)], run.motion, run.engaged_s)
+    return figures_of([each.acceleration_m_s2 for each in (run, plain, again)], run.motion, run.engaged_s, run.acts_s)
 
 
-def figures_of(accelerations: Sequence[np.ndarray], motion: Motion, engaged_s: float | None) -> Figures:
-    """The same of their accelerations, every 1e-4 s."""
+def figures_of(accelerations: Sequence[np.ndarray], motion: Motion, engaged_s: float | None, acts_s: float) -> Figures:
+    """The same of their accelerations, every 1e-4 s. acts_s: of the first volts."""
     (low, own), (first_low, first_linear), (again_low, again_linear) = (answer(one, motion) for one in accelerations)
     made = np.min([largest(low - x * own - (1.0 - x) * first_linear, motion) for x in MIXTURES], axis=0)
     off, off_again = first_low - first_linear, again_low - again_linear
     plain, again = largest(off, motion), largest(off_again, motion)
     first, second = (largest(one, motion, AFTER_S + LAG_S) for one in (off, off_again))
     either = np.maximum(first, second)
-    acts = motion.reversals() > (math.inf if engaged_s is None else engaged_s)
+    acts = motion.reversals() > acts_s
     growth = (made - either)[acts]
     return Figures(
         late(plain, motion), late(largest(low - own, motion), motion), len(made), int((acts & is_worse(first, made)).sum()),

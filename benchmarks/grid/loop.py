@@ -46,6 +46,12 @@ class Run:
     reason: str = ""  # what keeps it out at the end
 
     @property
+    def acts_s(self) -> float:
+        """First tick with volts added, those of a probe and those that leave again too."""
+        there = np.flatnonzero(self.log["added_V"])
+        return float(self.log["time_s"][there[0]]) if len(there) else math.inf
+
+    @property
     def engaged_s(self) -> float | None:
         """First tick with volts added that stay until the end: no half second without them after it."""
         there = np.flatnonzero(self.log["added_V"])

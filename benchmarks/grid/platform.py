@@ -110,5 +110,7 @@ def judged_platform(seed: int, compensator: str, declared: str) -> tuple[Figures
     engaged = [leg["engaged_at_s"] for leg in legs if leg["engaged"]]
     reason = "; ".join(f"leg {leg['leg']}: {leg['reason']}" for leg in legs if leg["reason"])
     last_s = max(engaged) if len(engaged) == len(legs) > 0 else None
-    found = figures_of([accelerated(run) for run in runs], motion, last_s)
+    added = np.any([runs[0].log[f"compensation_{k}_V"].to_numpy() != 0.0 for k in range(1, 7)], axis=0)
+    first_s = float(runs[0].log["time_s"].to_numpy()[added].min(initial=math.inf))
+    found = figures_of([accelerated(run) for run in runs], motion, last_s, first_s)
     return found, reason, drawn_machine(seed)[0]

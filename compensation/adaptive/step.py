@@ -544,7 +544,7 @@ def _probe_through_hysteresis(s, control_V, volts):
 
 @inlined
 def _follow(numbers, known, share):
-    """A tick of numbers towards those that are known. Returns by how much a bristle gives more: it carries its force over a longer way."""
+    """A tick of numbers towards those that are known. Returns how much more a bristle gives: it carries its force over a longer way."""
     give = numbers[GIVE]
     for k in range(N_NUMBERS):
         numbers[k] += share * (known[k] - numbers[k])

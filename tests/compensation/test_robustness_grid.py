@@ -280,3 +280,17 @@ def test_compensator_of_a_wrong_sheet_is_told_wrong_numbers(grid: Any) -> None:
     right = compensation.Context()
     told = platform.Told(Keeps(), (("spool_damping", 1.2), ("edge_V", 0.7))).start(right)
     assert told == dataclasses.replace(right, spool_damping=0.7 * 1.2, edge_V=0.5 * 0.7)
+
+
+def test_a_shake_counts_though_the_volts_leave_again(grid: Any, short: Any) -> None:
+    """Plain control with a pulse of 2 m/s2 at the third reversal, by volts that are in for 0.4 s alone: one reversal is worse, by about
+    that. Nothing has engaged."""
+    plain = grid.run_plain(grid.draw_leg(1005), short)
+    at_s = short.reversals()[2]
+    time_s = plain.log["time_s"]
+    log = plain.log | {"added_V": np.where(np.abs(time_s - at_s) < 0.2, 0.1, 0.0)}
+    pulse = 2.0 * np.exp(-(((np.arange(len(plain.acceleration_m_s2)) * 1e-4 - at_s) / 0.03) ** 2))
+    shaken = dataclasses.replace(plain, log=log, acceleration_m_s2=plain.acceleration_m_s2 + pulse)
+    found = grid.figures(shaken, plain, plain)
+    assert (found.engaged_s, found.worse, found.beyond) == (None, 1, 1)
+    assert 1.0 < found.growth < 2.5  # plain control's own bump stands beside it
