@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,7 +19,6 @@ from hexsim.tracing.attempt import attempted
 
 Array = np.ndarray
 N_CORES = max(os.cpu_count() or 1, 1)
-_own = threading.local()
 
 
 class FitProblem(ABC):
@@ -109,11 +107,6 @@ def drop_diverged(columns: list[Array]) -> list[Array]:
     return columns
 
 
-def in_job() -> bool:
-    """Does this run in a job of `in_parallel`?"""
-    return getattr(_own, "in_job", False)
-
-
 def in_parallel(function: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any]:
     """function(job) of every job, in their order, on all cores; compiled simulations release the interpreter.
 
@@ -151,14 +144,11 @@ def _one(function: Callable[[Any], Any], waiting: deque[tuple[Any, Future]]) -> 
         job, result = waiting.popleft()
     except IndexError:
         return False
-    outer, _own.in_job = in_job(), True
     try:
         result.set_result(function(job))
     except Exception as error:
         waiting.clear()  # all before it have begun; the others will not be asked for
         result.set_exception(error)
-    finally:
-        _own.in_job = outer
     return True
 
 
