@@ -99,6 +99,7 @@ EXPECTED = record(
     bump=f, left=f, missed=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
     misses2=(f, (HALVES,)), missed2=f,
+    reach_filtered=(f, (4, 2)), reach_m_s=f, reach=f, reaches2=(f, (HALVES,)), reach2=f,  # if the valve had no lag
     seen_filtered=(f, (3,)),  # two poles would leave more noise of 18 um than bump, four less than half of a bump of 20 Hz
     seen=f, seens2=(f, (HALVES,)), plain_halves=i, was_plain=i, wrong=i,  # as read
 )  # fmt: skip

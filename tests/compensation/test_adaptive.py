@@ -484,6 +484,23 @@ def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
     assert bumps[1] < bumps[0] / 2, bumps
 
 
+def test_volts_that_lean_on_a_slow_valve_stay_out(compensated) -> None:
+    """Start parameters with a spool of 10 Hz where it has 60, as sure as the right ones were, and learning off: through a valve without
+    lag the volts would make more than twenty times the bump, and no half period has more than plain control's; with the right ones they
+    would make less than five times it."""
+    made, leg, done, plain = compensated
+    fixed, known = Adaptive(learn=False), json.loads(json.dumps(made.parameters(done.state)))
+    for change, engages in ((0.0, True), (-1.8, False)):
+        told = json.loads(json.dumps(known))
+        told["numbers"]["ln_spool"] += change
+        found = run(fixed, leg, duration_s=8.0, state=fixed.restore(Context(period_s=2.0), told), seed=5)
+        expected = found.state.numbers.expected
+        times = math.sqrt(expected.reach2 / expected.bump2)
+        assert (times < 5.0) if engages else (times > 20.0)
+        assert found.peaks(1.0)[3:].max() < (1 / 3 if engages else 1.1) * plain.peak(4.0, 10.0)
+        assert engages or found.peaks(1.0).max() < 1.1 * plain.peak(4.0, 10.0)
+
+
 def test_start_parameters_that_are_surely_wrong_shake_nothing(compensated) -> None:
     """Start parameters with a spool of 18 Hz where it has 60, as sure as the right ones were: no half period has more than 1.1 times
     plain control's bump, for the readings tell that the volts are wrong, and in the end a third is left."""
@@ -639,6 +656,7 @@ def test_a_bristle_keeps_its_force_as_its_give_is_found_anew() -> None:
     state, give = Adaptive().start(Context()).numbers, model.NAMES.index("give_m_N")
     state.numbers[:] = state.known.numbers[:] = [TRUE[name] for name in model.NAMES]
     state.numbers[give], state.known.numbers[give] = 3e-11, 6e-8
+    state.expected.numbers[:] = state.numbers
     bristles = [x[model.Z :] for x in (state.inverse.x, state.expected.plain.x, state.expected.compensated.x)]
     for x in bristles:
         x[0] = 80.0 * 3e-11
