@@ -6,10 +6,9 @@ volts              those that make the identified leg follow it (inverse.py), le
 engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE, sums over a platform's legs, and the misfit is no more
                    than KNOWN_LEG: b the bump of a leg of the model under plain control, f that of one with the volts, both with the
                    noise and counts of the real one, which start stick-slip; e the one that the doubt about the numbers makes:
-                   S P S' of the acceleration, P the numbers' covariance; of the last
-                   half strokes, by what is known now; d what the model lacks, its valve too. It leaves where e^2 + f^2 + d^2 are that share,
-                   and a leg with start parameters stays by that rule from its first motion on. Readings that show more than
-                   twice plain control's bump are f, and it leaves at once
+                   S P S' of the acceleration, P the numbers' covariance; of the last half strokes, by what is known now; d what the model
+                   lacks, its valve too. It leaves where e^2 + f^2 + d^2 are that share, and a leg with start parameters stays by that
+                   rule from its first motion on. Readings that show more than twice plain control's bump are f, and it leaves at once
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
 """
@@ -104,8 +103,8 @@ COARSEST = 1.0 / 256.0  # of the range to one side: half a count of a converter 
 # corner of the low pass over the acceleration that the position's readings show: noise of 3 um gives 0.03 m/s2, 18 um 0.17
 SEEN_HZ = 30.0
 QUIET_TICKS = 20  # for which no leg may object
-# of what a valve without lag would pass: an identified one is sure to that, its response changes with its stroke. On 16 draws legs that are
-# found reach one to nine times their bump, those that shook 18 to 128 times
+# of what a valve without lag would pass: an identified one is sure to that, for its response changes with its stroke. On 16 draws legs
+# that are found reach one to nine times their bump, those that shook 18 to 128 times
 VALVE_ERROR = 0.03
 
 
@@ -465,8 +464,9 @@ def _reach(s, volts):
 
 @compiled
 def _lacking2(s, reach2):
-    """What the model lacks, as acceleration squared: the pressure's residual beyond its noise, as white as that, in the judged band; and
-    what a valve that is not quite the model's passes of volts which it should hold back. reach2: square of what one without lag passes."""
+    """What the model lacks, as acceleration squared: the pressure's residual beyond its noise, as white as that, in the judged band;
+    and what a valve that is not quite the model's passes of volts which it should hold back. reach2: square of what one without lag
+    passes."""
     beyond = max(s.known.chi2[1] - 1.0, 0.0)
     per_Pa = s.sheet[S_A1] / (s.numbers[MASS] * s.sheet[S_OWN])
     band = 2.0 * 0.668 * FELT_HZ * s.settings.tick_s  # integral of 1/(1 + x^4)^4 over x = f/FELT_HZ, four low passes
