@@ -94,7 +94,6 @@ EXPECTED = record(
     S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)),
     d_now=(f, (N_NUMBERS,)), d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), lag_m=f, w=(f, (N_SPACE,)), scaled=(f, (N_NUMBERS,)),
     started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, random=i, noise_m=f, rounded_V=f,
-    numbers=(f, (N_NUMBERS,)), whole=i, asked_m_s2=f,  # of the two legs of the model; of their delay's ticks; then
     plain=TWIN, compensated=TWIN, compensating=i, deviation_Pa=(f, (MAX_DAMPING_TAPS,)),
     bump=f, left=f, missed=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
     bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,

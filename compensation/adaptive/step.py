@@ -168,11 +168,9 @@ def _invert(s):
     elif inv.running and whole < inv.whole:
         inv.x[Y] -= s.settings.tick_s * inv.x[V]
         inv.x[V] -= inv.v[1] - inv.v[0]
-    found = int(s.expected.numbers[DELAY] / s.settings.tick_s)
-    if whole != inv.whole or found != s.expected.whole:
+    if whole != inv.whole:
         s.expected.compensating = 0
-    inv.whole, s.expected.whole = whole, found
-    s.expected.asked_m_s2 = (ref.velocity_m_s[found + 1] - ref.velocity_m_s[found]) / s.settings.tick_s
+    inv.whole = whole
     off_m = OFF_m if s.share > 0.0 else OFF_OUTSIDE_m
     if not inv.running or (abs(inv.x[Y] - inv.y[0]) > off_m and (s.share > 0.0 or _in_motion(s))):
         s.expected.unsteady, s.expected.compensating = QUEUE, 0
@@ -224,8 +222,8 @@ def _judged(memory, x, sheet):
 
 @compiled
 def _follow_volts(s, twin, volts, extra):
-    """A tick of a leg as it is found, a record TWIN, under volts before its hysteresis. Returns its acceleration [m/s2]."""
-    numbers, speed, tick_s = s.expected.numbers, twin.x[V], s.settings.tick_s
+    """A tick of a leg of the model, a record TWIN, under volts before its hysteresis. Returns its acceleration [m/s2]."""
+    numbers, speed, tick_s = s.numbers, twin.x[V], s.settings.tick_s
     _move_plays(twin.plays, volts, numbers[PLAY])
     given = _given(twin.plays, numbers[SPREAD])
     split = numbers[DELAY] / tick_s - int(numbers[DELAY] / tick_s)
@@ -237,13 +235,12 @@ def _follow_volts(s, twin, volts, extra):
 
 @compiled
 def _compensate(s):
-    """The leg as it is found under the volts of the tick that has passed, by the numbers that act, with position loop, damping, noise and
-    counts as they are. Returns by how far it misses the demanded acceleration, in the judged band [m/s2]."""
+    """The leg of the model under the volts of the tick that has passed, with position loop, damping, noise and counts as they are.
+    Returns by how far it misses the demanded acceleration, in the judged band [m/s2]."""
     e, inv, d, twin = s.expected, s.inverse, s.damping, s.expected.compensated
     x, own = twin.x, inv.x
     if not e.compensating:
         copy(own, x)
-        x[Z] *= e.numbers[GIVE] / s.numbers[GIVE]
         twin.before_V, e.compensating = inv.before, 1
         twin.plays[0], twin.plays[1] = inv.plays[0], inv.plays[1]
         twin.loop.started = 0
@@ -252,7 +249,7 @@ def _compensate(s):
     push(e.deviation_Pa, off_Pa + s.past.noise_Pa * _noise(s))
     volts = inv.plays[2] + e.rounded_V - s.settings.position_gain_V_per_m * (away_m + e.noise_m)
     volts -= let_out_V(d, e.deviation_Pa) + fed_back_V(twin.loop, s.settings, away_m, off_Pa)
-    missed = _follow_volts(s, twin, volts, inv.extra[0]) - e.asked_m_s2
+    missed = _follow_volts(s, twin, volts, inv.extra[0]) - (inv.v[1] - inv.v[0]) / s.settings.tick_s
     return _judged(twin.filtered, missed, s.sheet)
 
 
@@ -354,7 +351,7 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     here, after = ref.setpoint_m[0], ref.setpoint_m[1]
     plain = e.plain
     if not e.started:
-        plain.before_V = _steady(plain.x, s, ref.position_m[0], ref.velocity_m_s[0], e.numbers)
+        plain.before_V = _steady(plain.x, s, ref.position_m[0], ref.velocity_m_s[0], numbers)
         plain.plays[:] = plain.before_V
         e.started, e.unsteady = 1, QUEUE
         e.lag_m = here - ref.position_m[0]
@@ -365,7 +362,7 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     # plain control, by the model
     control = kp * (setpoint_m - plain.x[Y] - e.noise_m) + forward_V + e.rounded_V
     control -= fed_back_V(plain.loop, s.settings, plain.x[Y], _load_Pa(s, plain.x[P1], plain.x[P2]))
-    b = _judged(plain.filtered, _follow_volts(s, plain, control, e.numbers[MASS] * ref.extra_m_s2[0]) - smooth, s.sheet)
+    b = _judged(plain.filtered, _follow_volts(s, plain, control, numbers[MASS] * ref.extra_m_s2[0]) - smooth, s.sheet)
     e.bump = max(e.bump, abs(b))
     e.left = max(e.left, abs(left))
     # the numbers' doubt in the compensated motion
@@ -560,29 +557,18 @@ def _probe_through_hysteresis(s, control_V, volts):
     return sent - control_V if volts != 0.0 else 0.0
 
 
-@inlined
-def _follow(numbers, known, share):
-    """A tick of numbers towards those that are known. Returns how much more a bristle gives: it carries its force over a longer way."""
-    give = numbers[GIVE]
-    for k in range(N_NUMBERS):
-        numbers[k] += share * (known[k] - numbers[k])
-    return numbers[GIVE] / give
-
-
 @compiled
 def _follow_known(s):
-    """A tick of the numbers of the model's legs, and of those that act, towards those that are found. While volts are in, those that act
-    stay where they leave nothing that is felt, and while the volts leave: a fit can be as good and wrong."""
-    e, numbers, share = s.expected, s.numbers, s.settings.tick_s / FOLLOW_S
+    """A tick of the numbers that act towards those that are found. A bristle that gives more carries its force over a longer way."""
+    numbers, known = s.numbers, s.known.numbers
     if numbers[MASS] == 0.0:
-        copy(s.known.numbers, numbers)
-        copy(numbers, e.numbers)
+        copy(known, numbers)
         s.reference.stale = QUEUE
-    more = _follow(e.numbers, s.known.numbers, share)
-    e.plain.x[Z] *= more
-    e.compensated.x[Z] *= more
-    if s.share == 0.0 or (s.linear_step >= 0.0 and e.missed2 > PERCEIVED_m_s2**2):
-        s.inverse.x[Z] *= _follow(numbers, s.known.numbers, share)
+    give = numbers[GIVE]
+    for k in range(N_NUMBERS):
+        numbers[k] += s.settings.tick_s / FOLLOW_S * (known[k] - numbers[k])
+    for x in (s.inverse.x, s.expected.plain.x, s.expected.compensated.x):
+        x[Z] *= numbers[GIVE] / give
 
 
 @compiled
