@@ -486,8 +486,8 @@ def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
 
 def test_volts_that_lean_on_a_slow_valve_stay_out(compensated) -> None:
     """Start parameters with a spool of 10 Hz where it has 60, as sure as the right ones were, and learning off: through a valve without
-    lag the volts would make more than twenty times the bump, and no half period has more than plain control's; with the right ones they
-    would make less than five times it."""
+    lag the volts would make more than twenty times the bump, and no half period has more than 1.1 times plain control's; with the right
+    ones they would make less than five times it."""
     made, leg, done, plain = compensated
     fixed, known = Adaptive(learn=False), json.loads(json.dumps(made.parameters(done.state)))
     for change, engages in ((0.0, True), (-1.8, False)):

@@ -222,8 +222,7 @@ def refine(
     damping, trust, effects = 0.0, 1.0, None
     A, scores = np.zeros((0, 0)), np.zeros((0, 0))
     for _ in range(steps):
-        effects = effect_columns(fit, problem) if effects is None or not many else effects
-        columns = _columns(fit, effects)
+        columns = _columns(fit, effect_columns(fit, problem) if effects is None else effects)
         A, b, scores = _system(fit, columns, problem)
         better = None
         first = fall_of(A, b, _step(fit, A, b, damping)[1])
@@ -235,7 +234,7 @@ def refine(
             promise = fall_of(A, b, step)
             if promise < max(0.2 * tolerance, relative * (fit.chi2 - fit.n)):
                 break
-            trial = _evaluate(fit, coordinates, problem)
+            trial = evaluate(fit_at(fit, coordinates), problem)
             if _cost(trial) < _cost(fit):
                 better, damping = trial, damping / 30 if damping > 1e-3 else 0.0
                 break
@@ -245,7 +244,7 @@ def refine(
         if better is not None and fresh and gain >= least:
             found = corrected(columns, step, np.diag(A), fit, better, shared, many)
             better, shared = replace(better, columns=[own[0] for own in found]), False
-            effects = [own[-1] for own in found]
+            effects = [own[-1] for own in found] if many else None
         fit, trust = better or fit, min(gain / max(first, 1e-300), 1.0)
         fit = replace(fit, alone=np.maximum(np.diag(A), 1e-300) ** -0.5) if stated else fit
         if gain < least and not stale:
@@ -359,8 +358,3 @@ def fit_at(fit: Fit, coordinates: Array) -> Fit:
             place += 1
         values.append(own)
     return replace(fit, deviations=coordinates[:m] * half_widths if m else fit.deviations, values=tuple(values))
-
-
-def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
-    """The fit at other coordinates."""
-    return evaluate(fit_at(fit, coordinates), problem)
