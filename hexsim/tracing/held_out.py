@@ -81,7 +81,11 @@ class Growth:
 
     @property
     def sentence(self) -> str:
-        return f"{self.channel} of held-out run {self.run} goes from {self.without:.3g} to {self.with_it:.3g} times its noise"
+        digits = 3  # as many as tell the two apart
+        while digits < 8 and f"{self.without:.{digits}g}" == f"{self.with_it:.{digits}g}":
+            digits += 1
+        sizes = f"from {self.without:.{digits}g} to {self.with_it:.{digits}g} times its noise"
+        return f"{self.channel} of held-out run {self.run} goes {sizes}"
 
 
 def growths(problem: SimulatedProblem, without: Machine | None, with_it: Machine | None) -> list[Growth]:

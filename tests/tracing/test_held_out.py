@@ -77,6 +77,24 @@ def test_the_right_effect_passes_and_a_wrong_one_is_refused(bench):
     assert k == 1 and "leakage_chamber_to_tank" in why
 
 
+def test_a_growth_is_said_with_digits_that_show_it():
+    """A channel that grows by a thousandth in every block is refused with two sizes that differ."""
+    said = held_out.Growth(run="roll", channel="position_3_m", without=3.6412, with_it=3.6434).sentence
+    assert said == "position_3_m of held-out run roll goes from 3.641 to 3.643 times its noise"
+
+
+def test_the_others_keep_their_errors_without_a_refused_effect(bench):
+    """Of two effects with errors one is left out: the other's error is the one that it had beside it."""
+    machine, _, problem, _ = bench
+    base = fit.start_fit(machine, parameters.priors(machine)[:1], problem)
+    pair = (parameters.named("leakage_supply_to_chamber"), parameters.named("leakage_chamber_to_tank"))
+    both = fit.evaluate(replace(base, candidates=pair, values=(LEAK, LEAK)), problem)
+    both = replace(both, covariance=np.diag([1.0, 4.0, 9.0]))
+    for k in range(2):
+        [error] = fit.without_effect(both, k).standard_errors()
+        assert error == both.standard_errors()[1 - k] and error["conductance_m3_s_Pa"] > 0.0
+
+
 @pytest.mark.parametrize("extra_N", [25.0, -25.0])
 def test_force_balance_from_the_position_shows_a_force(bench, extra_N):
     """Without an accelerometer sensors' noise makes less than 3 N of it, and a force that the model lacks stands in it with its

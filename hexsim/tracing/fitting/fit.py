@@ -179,9 +179,13 @@ def with_effects(fit: Fit, candidates: Sequence[Candidate], size: float, problem
 
 
 def without_effect(fit: Fit, k: int) -> Fit:
-    """The fit without its k-th effect, all else as it is."""
+    """The fit without its k-th effect, all else as it is, with the errors that the other numbers have beside it."""
     candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
-    return replace(fit, candidates=candidates, values=values, covariance=None, columns=None, alone=None)
+    first, covariance = len(fit.priors) + sum(len(own.free()) for own in fit.candidates[:k]), fit.covariance
+    if covariance is not None:
+        gone = slice(first, first + len(fit.candidates[k].free()))
+        covariance = np.delete(np.delete(covariance, gone, 0), gone, 1)
+    return replace(fit, candidates=candidates, values=values, covariance=covariance, columns=None, alone=None)
 
 
 def prior_terms(fit: Fit) -> tuple[Array, Array]:

@@ -324,7 +324,8 @@ def named_by_simulation(
         said.append(no[1])
         own = next(own for own in kept if own.candidate == final.candidates[no[0]])
         kept.remove(own)
-        final = start_fit_at(without_effect(final, no[0]), trace.fit_problem)
+        bare = without_effect(final, no[0])
+        final = replace(start_fit_at(bare, trace.fit_problem), covariance=bare.covariance)
     return trace.base, [], said
 
 
