@@ -5,7 +5,7 @@ before the reversal to 0.5 s after it. The linear answer is the least-squares fi
 the second half of the run: of a sine the fundamental. Worst late bump: the largest of the second half.
 Worse: beyond plain control's bump by 5 % and by 0.03 m/s2, of a reversal after the first volts, be they a probe or of a compensation
 that leaves again. While it comes in, the motion goes from plain control's linear answer to the compensated one: a reversal is judged
-against the mean of both that fits it best.
+against the mean of both that fits it best. Where it comes in late, the compensated answer is of the time after it, COMES_IN_S later.
 Plain control follows late: its bump is looked for LAG_S longer, so that both have the same reversals in their windows.
 Beyond chance: beyond that of plain control with two noises.
 """
@@ -26,6 +26,7 @@ OUT_HZ, EVERY = 1e4, 10
 BEFORE_S, AFTER_S = 0.1, 0.5
 LATE_S = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
 LAG_S = 0.3  # of plain control, at the smallest loop gain of the draws
+COMES_IN_S, LEAST_S = 5.0, 6.0  # in which the volts and the linear answer have come in; of motion that tells the linear answer
 MIXTURES = np.linspace(0.0, 1.0, 21)
 WORSE_RATIO, WORSE_m_s2 = 1.05, 0.03
 LOW_PASS = butter(4, 50.0, fs=OUT_HZ, output="sos")
@@ -42,11 +43,11 @@ def asked(motion: Motion) -> np.ndarray:
     return np.stack([*late, np.ones(len(t))]).T
 
 
-def answer(acceleration: np.ndarray, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Acceleration [m/s2] in the 50 Hz band and its linear answer, every ms."""
+def answer(acceleration: np.ndarray, motion: Motion, since_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Acceleration [m/s2] in the 50 Hz band and its linear answer, every ms. since_s: from then on, or of the second half."""
     low, basis = sosfiltfilt(LOW_PASS, acceleration)[::EVERY], asked(motion)
-    half = slice(len(low) // 2, None)
-    return low, basis @ np.linalg.lstsq(basis[half], low[half], rcond=1e-6)[0]
+    told = slice(max(len(low) // 2, round(since_s * OUT_HZ / EVERY)), None)
+    return low, basis @ np.linalg.lstsq(basis[told], low[told], rcond=1e-6)[0]
 
 
 def largest(off: np.ndarray, motion: Motion, after_s: float = AFTER_S) -> np.ndarray:
@@ -96,8 +97,11 @@ def figures(run: Run, plain: Run, again: Run) -> Figures:
 
 def figures_of(accelerations: Sequence[np.ndarray], motion: Motion, engaged_s: float | None, acts_s: float) -> Figures:
     """The same of their accelerations, every 1e-4 s. acts_s: of the first volts."""
-    (low, own), (first_low, first_linear), (again_low, again_linear) = (answer(one, motion) for one in accelerations)
+    in_s = min((engaged_s or 0.0) + COMES_IN_S, motion.duration_s - LEAST_S)
+    (low, own), *others = (answer(one, motion, since) for one, since in zip(accelerations, (in_s, 0.0, 0.0), strict=True))
+    (first_low, first_linear), (again_low, again_linear) = others
     made = np.min([largest(low - x * own - (1.0 - x) * first_linear, motion) for x in MIXTURES], axis=0)
+    left = np.where(motion.reversals() > in_s, largest(low - own, motion), made)
     off, off_again = first_low - first_linear, again_low - again_linear
     plain, again = largest(off, motion), largest(off_again, motion)
     first, second = (largest(one, motion, AFTER_S + LAG_S) for one in (off, off_again))
@@ -105,6 +109,6 @@ def figures_of(accelerations: Sequence[np.ndarray], motion: Motion, engaged_s: f
     acts = motion.reversals() > acts_s
     growth = (made - either)[acts]
     return Figures(
-        late(plain, motion), late(largest(low - own, motion), motion), len(made), int((acts & is_worse(first, made)).sum()),
+        late(plain, motion), late(left, motion), len(made), int((acts & is_worse(first, made)).sum()),
         int((acts & is_worse(either, made)).sum()), int(is_worse(plain, again).sum()), float(growth.max(initial=0.0)), engaged_s,
     )  # fmt: skip

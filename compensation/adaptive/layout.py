@@ -17,6 +17,8 @@ OLDER = WINDOWS  # place of an older window that is looked at again; those that 
 KEPT = 48  # older windows that are looked at again: some 25 s of a sine of 0.5 Hz
 MOST_DELAY = 6  # whole ticks of a valve's delay
 HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
+# for leaving, as far as it has acted so long: in a motion to 3 Hz the last four may all be small, and to leave and come back is felt more
+LONG = 4 * HALVES
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
 
 f, i = "f8", "i8"
@@ -96,9 +98,9 @@ EXPECTED = record(
     started=i, unsteady=i, acceleration=f, velocity=f, turned=i, begun=i, random=i, noise_m=f, rounded_V=f,
     plain=TWIN, compensated=TWIN, compensating=i, deviation_Pa=(f, (MAX_DAMPING_TAPS,)),
     bump=f, left=f, missed=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
-    bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
-    misses2=(f, (HALVES,)), missed2=f,
-    reach_filtered=(f, (4, 2)), reach_m_s=f, reach=f, reaches2=(f, (HALVES,)), reach2=f,  # if the valve had no lag
+    bumps2=(f, (LONG,)), lefts2=(f, (LONG,)), doubts2=(f, (LONG,)), rows=(f, (LONG, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
+    misses2=(f, (LONG,)), missed2=f, outside=i,  # half strokes before it came in
+    reach_filtered=(f, (4, 2)), reach_m_s=f, reach=f, reaches2=(f, (LONG,)), reach2=f,  # if the valve had no lag
     seen_filtered=(f, (3,)),  # two poles would leave more noise of 18 um than bump, four less than half of a bump of 20 Hz
     seen=f, seens2=(f, (HALVES,)), plain_halves=i, was_plain=i, wrong=i,  # as read
 )  # fmt: skip

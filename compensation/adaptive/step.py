@@ -7,8 +7,9 @@ engagement         where b^2/(b^2 + e^2 + f^2 + d^2 + PERCEIVED^2) > LEAST_SHARE
                    than KNOWN_LEG: b the bump of a leg of the model under plain control, f that of one with the volts, both with the
                    noise and counts of the real one, which start stick-slip; e the one that the doubt about the numbers makes:
                    S P S' of the acceleration, P the numbers' covariance; of the last half strokes, by what is known now; d what the model
-                   lacks, its valve too. It leaves where e^2 + f^2 + d^2 are that share, and a leg with start parameters stays by that
-                   rule from its first motion on. Readings that show more than twice plain control's bump are f, and it leaves at once
+                   lacks, its valve too. It leaves where e^2 + f^2 + d^2 are that share of more half strokes, calm ones aside, and a leg
+                   with start parameters stays by that rule from its first motion on. Readings that show more than twice plain control's
+                   bump are f, and it leaves at once
 probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
                    volts out
 """
@@ -34,7 +35,7 @@ from .damping import (
 from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, slowest_m_s, watch, watch_legs, work
 from .fit import NARROW, follow, forward
 from .inverse import AHEAD, FELT_HZ, improve, keep_first, low_pass
-from .layout import HALVES, HISTORY, MOST_DELAY, QUEUE
+from .layout import HALVES, HISTORY, LONG, MOST_DELAY, QUEUE
 from .leg import (
     AMP,
     AMP_LAG,
@@ -80,7 +81,7 @@ FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 # in which the volts at the soonest, and the probe, come in; the demanded motion is then plain control's own but for its reversals
 RAMP_S = 0.15
 LINEAR_S = 4.0  # in which the demanded motion then becomes the setpoint: of a sine of 0.5 m/s2 a deviation of 0.06 m/s2
-# in which it becomes plain control's again: the volts are wrong, and a piston that lags at once would stop
+# in which it becomes plain control's again, and the volts go at the latest: they are wrong, and a piston that lags at once would stop
 LEAVE_S = 1.5
 # of bump^2 in bump^2 + doubt^2 + left^2 + lacking^2, from which it engages, and of the others, from which it leaves: above 1/2 a smaller
 # bump is expected, and a change of sides is felt. On 20 drawn legs 0.5, 0.65 and 0.8 made the same one reversal of 674 worse, and legs
@@ -406,22 +407,36 @@ def _expect(s, volts, left, setpoint_m, forward_V):
             e.begun = 0
     e.acceleration, e.velocity = a, v
     if peak and (e.turned or not e.begun):  # the middle of a stroke: a reversal lies behind
-        if e.begun and e.bump > 0.0:  # and all of the half stroke
-            k = e.halves % HALVES
+        largest2 = max(e.bump * e.bump, e.missed * e.missed, min(e.sigma, MOST_DOUBT * e.bump * e.bump))
+        if s.share > 0.0 and largest2 < e.bump2 / LONG:  # as many weigh less than one of those by which it is judged
+            e.bumps2 *= 1.0 - 1.0 / LONG**2
+            e.bump2 *= 1.0 - 1.0 / LONG**2
+        elif e.begun and e.bump > 0.0:  # and all of the half stroke
+            k = e.halves % LONG
             e.bumps2[k], e.lefts2[k], e.misses2[k] = e.bump * e.bump, e.left * e.left, e.missed * e.missed
             e.reaches2[k] = e.reach * e.reach
             copy(e.worst, e.rows[k])
             e.halves += 1
+            if s.share == 0.0:
+                e.outside = e.halves
             e.bump2 = e.left2 = e.missed2 = e.reach2 = 0.0
-            for k in range(HALVES):
-                _doubt(s, k)
-                e.bump2 += e.bumps2[k] / min(e.halves, HALVES)
-                e.left2 += e.lefts2[k] / min(e.halves, HALVES)
-                e.missed2 += e.misses2[k] / min(e.halves, HALVES)
-                e.reach2 += e.reaches2[k] / min(e.halves, HALVES)
+            _doubt(s, k)
+            count = _counted(e)
+            for j in range(count):
+                k = (e.halves - 1 - j) % LONG
+                e.bump2 += e.bumps2[k] / count
+                e.left2 += e.lefts2[k] / count
+                e.missed2 += e.misses2[k] / count
+                e.reach2 += e.reaches2[k] / count
         _saw(e)
         e.bump = e.sigma = e.left = e.missed = e.reach = 0.0
         e.turned, e.begun = 0, 1
+
+
+@compiled
+def _counted(e):
+    """Of the half strokes that have ended those by which it is judged."""
+    return min(e.halves, HALVES + e.halves - e.outside, LONG)
 
 
 @compiled
@@ -442,9 +457,9 @@ def _doubt(s, k):
     """The doubt in one of the last half strokes by what is known now: what was not known then does not matter."""
     e = s.expected
     e.doubts2[k] = min(_variance(s, e.rows[k]), MOST_DOUBT * e.bumps2[k])
-    e.sigma2 = 0.0
-    for j in range(HALVES):
-        e.sigma2 += e.doubts2[j] / max(min(e.halves, HALVES), 1)
+    e.sigma2, count = 0.0, _counted(e)
+    for j in range(count):
+        e.sigma2 += e.doubts2[(e.halves - 1 - j) % LONG] / count
 
 
 @compiled
@@ -615,7 +630,7 @@ def tick_of(
     volts = _invert(s)
     _see(s)
     _expect(s, volts, left, setpoint_m, forward_V)
-    _doubt(s, s.past.ticks % HALVES)
+    _doubt(s, s.past.ticks % LONG)
     stays = s.share > 0.0 or _goes_on(s)
     knows = s.known.changed == 0 if s.share > 0.0 else is_known_leg(s.known.chi2)
     wants = False
@@ -645,10 +660,12 @@ def tick_of(
         s.wants = 1 if wants else 0
         s.objected = max(s.objected - 1, 0) if wants else QUIET_TICKS
         wanted = 1.0 if s.objected == 0 else 0.0
-    up, down = gains(s)  # volts that come in are not felt: in a dead band they wait for the stroke
+    # volts that come or go are not felt, but for wrong ones: in a dead band they wait for the stroke
+    up, down = gains(s)
     unfelt = PERCEIVED_m_s2 * settings.tick_s / max(0.5 * (up + down) * abs(total - own), PERCEIVED_m_s2 * RAMP_S)
     stands = s.linear > 0.0 and wanted == 0.0 and e.wrong == 0
-    s.share += min(max((1.0 if stands else wanted) - s.share, -step), unfelt)
+    leaves = step if e.wrong else min(step, max(unfelt, settings.tick_s / LEAVE_S))
+    s.share += min(max((1.0 if stands else wanted) - s.share, -leaves), unfelt)
     step = settings.tick_s / (LINEAR_S if wanted > 0.0 else RAMP_S if e.wrong else LEAVE_S)
     s.linear_step = min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
     s.linear += s.linear_step

@@ -27,6 +27,7 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic, overload
+from scipy.constants import mega as MPa  # [Pa]
 
 from hexsim.compiled import compiled, compiled_callback
 from hexsim.errors import HexsimError
@@ -37,7 +38,6 @@ from hexsim.plant import states
 from hexsim.plant.states import ROW, A
 from hexsim.plant.structs import slot
 
-MPa = 1.0e6  # [Pa]
 POWER_UNIT_SCALE = np.array([1.0, 1.0, 1.0, MPa, 1.0, MPa])  # SI over what stands in act, places U
 WORDS = 4096  # enough words of either struct to reach the fields that are read
 

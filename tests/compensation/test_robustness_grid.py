@@ -282,6 +282,24 @@ def test_compensator_of_a_wrong_sheet_is_told_wrong_numbers(grid: Any) -> None:
     assert told == dataclasses.replace(right, spool_damping=0.7 * 1.2, edge_V=0.5 * 0.7)
 
 
+def test_a_linear_answer_that_comes_in_late_is_no_bump(grid: Any) -> None:
+    """Motion of twelve sines without any bump, that lags by 0.1 s until 15 s and follows at once from 19 s on, as a compensation that
+    comes in late makes it: less than 0.04 m/s2 is left, where one linear answer for both leaves more than 0.1, and no reversal is worse."""
+    figures, motion = importlib.import_module("benchmarks.grid.figures"), grid.motion_of("irregular", 4)
+    t, h = np.arange(round(motion.duration_s * figures.OUT_HZ)) / figures.OUT_HZ, 5e-3
+
+    def asked(late_s: float) -> np.ndarray:
+        path = [motion.path(np.maximum(t - late_s + shift, 0.0)) for shift in (-h, 0.0, h)]
+        return (path[0] - 2.0 * path[1] + path[2]) / h**2
+
+    come, behind = np.clip((t - 15.0) / 4.0, 0.0, 1.0), asked(0.1)
+    mixed = come * asked(0.0) + (1.0 - come) * behind
+    found = figures.figures_of([mixed, behind, behind], motion, 15.0, 15.0)
+    low, linear = figures.answer(mixed, motion)
+    assert found.left < 0.04 and found.worse == 0
+    assert figures.late(figures.largest(low - linear, motion), motion) > 0.1
+
+
 def test_a_shake_counts_though_the_volts_leave_again(grid: Any, short: Any) -> None:
     """Plain control with a pulse of 2 m/s2 at the third reversal, by volts that are in for 0.4 s alone: one reversal is worse, by about
     that. Nothing has engaged."""
