@@ -26,7 +26,8 @@ OUT_HZ, EVERY = 1e4, 10
 BEFORE_S, AFTER_S = 0.1, 0.5
 LATE_S = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
 LAG_S = 0.3  # of plain control, at the smallest loop gain of the draws
-COMES_IN_S, LEAST_S = 5.0, 6.0  # in which the volts and the linear answer have come in; of motion that tells the linear answer
+COMES_IN_S = 5.0  # until the volts and the linear answer have come in
+LEAST_S = 6.0  # of motion that tells a linear answer
 MIXTURES = np.linspace(0.0, 1.0, 21)
 WORSE_RATIO, WORSE_m_s2 = 1.05, 0.03
 LOW_PASS = butter(4, 50.0, fs=OUT_HZ, output="sos")
@@ -98,8 +99,8 @@ def figures(run: Run, plain: Run, again: Run) -> Figures:
 def figures_of(accelerations: Sequence[np.ndarray], motion: Motion, engaged_s: float | None, acts_s: float) -> Figures:
     """The same of their accelerations, every 1e-4 s. acts_s: of the first volts."""
     in_s = min((engaged_s or 0.0) + COMES_IN_S, motion.duration_s - LEAST_S)
-    (low, own), *others = (answer(one, motion, since) for one, since in zip(accelerations, (in_s, 0.0, 0.0), strict=True))
-    (first_low, first_linear), (again_low, again_linear) = others
+    low, own = answer(accelerations[0], motion, in_s)
+    (first_low, first_linear), (again_low, again_linear) = (answer(one, motion) for one in accelerations[1:])
     made = np.min([largest(low - x * own - (1.0 - x) * first_linear, motion) for x in MIXTURES], axis=0)
     left = np.where(motion.reversals() > in_s, largest(low - own, motion), made)
     off, off_again = first_low - first_linear, again_low - again_linear

@@ -284,7 +284,7 @@ def test_compensator_of_a_wrong_sheet_is_told_wrong_numbers(grid: Any) -> None:
 
 def test_a_linear_answer_that_comes_in_late_is_no_bump(grid: Any) -> None:
     """Motion of twelve sines without any bump, that lags by 0.1 s until 15 s and follows at once from 19 s on, as a compensation that
-    comes in late makes it: less than 0.04 m/s2 is left, where one linear answer for both leaves more than 0.1, and no reversal is worse."""
+    comes in late makes it: less than 0.04 m/s2 is left, one linear answer for both leaves more than 0.1, and no reversal is worse."""
     figures, motion = importlib.import_module("benchmarks.grid.figures"), grid.motion_of("irregular", 4)
     t, h = np.arange(round(motion.duration_s * figures.OUT_HZ)) / figures.OUT_HZ, 5e-3
 
