@@ -85,7 +85,7 @@ INVERSE = record(
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
     position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
-    count=i, behind_m=f, lag_m=f, load_lag_m_s2=f, stale=i, late_s=f, late_sums=(f, (2,)), speed_m_s=f,
+    count=i, behind_m=f, lag_m=f, load_lag_m_s2=f, load_m_s2=f, loaded=i, stale=i, late_s=f, late_sums=(f, (2,)), speed_m_s=f,
     followed_m=(f, (QUEUE + 1,)), behind_two_m=f,
 )  # fmt: skip
 TWIN = record(  # of the leg by the model, under plain control or with the volts: state, volts before, hysteresis, loop's own feedback
@@ -101,6 +101,7 @@ EXPECTED = record(
     bumps2=(f, (LONG,)), lefts2=(f, (LONG,)), doubts2=(f, (LONG,)), rows=(f, (LONG, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
     misses2=(f, (LONG,)), missed2=f, outside=i,  # half strokes before it came in
     reach_filtered=(f, (4, 2)), reach_m_s=f, reach=f, reaches2=(f, (LONG,)), reach2=f,  # if the valve had no lag
+    jolt_bands=(f, (4, 2)), jolt_slow=(f, (4,)), jolt=f, jolts2=(f, (LONG,)), jolt2=f,  # of the setpoint
     seen_filtered=(f, (3,)),  # two poles would leave more noise of 18 um than bump, four less than half of a bump of 20 Hz
     seen=f, seens2=(f, (HALVES,)), plain_halves=i, was_plain=i, wrong=i,  # as read
 )  # fmt: skip
@@ -116,6 +117,6 @@ STATE = record(
     heard=(i, (MOST_LEGS,)), alone=(f, (MOST_LEGS, N_NUMBERS)), alone_variance=(f, (MOST_LEGS, N_NUMBERS)), mean_N=(f, (MOST_LEGS,)),
     past=PAST, windows=(WINDOW_DATA, (WINDOWS + 1 + WAITING,)), older=(KEPT_WINDOW, (KEPT,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP, damping=DAMPING,
-    probe=PROBE, asked_V=f, share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i,
+    probe=PROBE, asked_V=f, share=f, linear=f, linear_step=f, platform=i, objected=i, wants=i, jolts=i, jolted=i,
     said_bump2=(f, (MOST_LEGS,)), said_doubt2=(f, (MOST_LEGS,)),
 )  # fmt: skip

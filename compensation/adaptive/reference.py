@@ -187,10 +187,12 @@ def plan_motion(s, loads, predicted):
         before = here
     ref.extra_m_s2[:] = 0.0
     if len(loads) < 3 or predicted:
-        ref.load_lag_m_s2 = 0.0
+        ref.load_lag_m_s2, ref.loaded = 0.0, 0
         return
     decay = 0.5 * s.settings.position_gain_V_per_m * (up + down) * tick_s
-    load_lag, here = ref.load_lag_m_s2, loads[0]
+    # a second difference is not known at the first setpoint: of this tick it is what the last one saw ahead
+    load_lag, here = ref.load_lag_m_s2, ref.load_m_s2 if ref.loaded else loads[0]
+    ref.load_m_s2, ref.loaded = loads[1], 1
     for j in range(QUEUE - 1):
         after, share = _ahead(loads, j + 1, 0.0), shares(s, j)[0]
         load = here - load_lag
