@@ -591,9 +591,10 @@ def _probe_through_hysteresis(s, control_V, volts):
 def _follow_known(s):
     """A tick of the numbers that act towards those that are found. A bristle that gives more carries its force over a longer way."""
     numbers, known = s.numbers, s.known.numbers
-    if numbers[MASS] == 0.0:
+    if numbers[MASS] == 0.0:  # the demanded motion begins where the piston is
         copy(known, numbers)
         s.reference.stale = QUEUE
+        s.reference.lag_m = s.reference.followed_m[1] - s.past.position_m[(s.past.ticks - 1) & (HISTORY - 1)]
     give = numbers[GIVE]
     for k in range(N_NUMBERS):
         numbers[k] += s.settings.tick_s / FOLLOW_S * (known[k] - numbers[k])

@@ -545,6 +545,21 @@ def test_a_leg_that_carries_the_load_alone_is_one_that_is_not_told_of_it(compens
     assert foreseen[1] == pytest.approx(foreseen[0], rel=0.1) and foreseen[0] > 0.1
 
 
+def test_a_preview_counts_by_its_length_in_time(compensated) -> None:
+    """28 ms of the future are 8 setpoints at 250 Hz: with them the volts are other ones than without, where the future is predicted."""
+    made, leg, done, _ = compensated
+
+    def alone(_: float, sample: Any) -> None:
+        sample.preview_m = sample.preview_m[:1]
+
+    known, context = made.parameters(done.state), Context(period_s=2.0, rate_Hz=250.0)
+    told, untold = (
+        run(made, leg, duration_s=3.0, rate_Hz=250.0, state=made.restore(context, known), spoil=spoil)
+        for spoil in (None, alone)
+    )
+    assert told.added_V.any() and np.abs(told.added_V - untold.added_V).max() > 1e-3
+
+
 def test_volts_that_lean_on_a_slow_valve_stay_out(compensated) -> None:
     """Start parameters with a spool of 10 Hz where it has 60, as sure as the right ones were, and learning off: through a valve without
     lag the volts would make more than twenty times the bump, and no half period has more than 1.1 times plain control's; with the right
