@@ -17,7 +17,8 @@ from __future__ import annotations
 from math import sqrt
 
 from ..compiled import compiled
-from ..prediction import MAX_LOOK, PREVIEW_TICKS, predict, watch_setpoint
+from ..prediction import MAX_LOOK, predict, watch_setpoint
+from .inverse import AHEAD
 from .layout import QUEUE
 from .leg import (
     COULOMB_DN,
@@ -38,7 +39,6 @@ from .leg import (
 )  # fmt: skip
 
 LATE_S = 4.0  # in which the lateness is forgotten: two periods of a sine of 0.5 Hz
-USUAL_TICK_s = 2e-3  # of the prediction's table
 USUAL_m_s = 0.05  # of a sine of 0.02 m at 0.5 Hz
 MOST_LATE_S = 0.5  # what is later than this is no follower of the setpoint
 
@@ -112,8 +112,7 @@ def plan_setpoints(s, table, preview):
         ref.behind_two_m, ref.behind_m = ref.behind_m, ref.setpoint_m[0]
     for j in range(QUEUE - 1):
         ref.setpoint_m[j] = ref.setpoint_m[j + 1]
-    told = n if n * s.settings.tick_s > PREVIEW_TICKS * USUAL_TICK_s else 1
-    if not watch_setpoint(s.prediction, told, bend, preview[0]):
+    if not watch_setpoint(s.prediction, n if 2 * n >= AHEAD else 1, bend, preview[0]):  # half a window is a future
         last_bend = preview[n - 1] - 2.0 * preview[n - 2] + preview[n - 3] if n > 2 else 0.0
         for j in range(QUEUE):
             ref.setpoint_m[j] = _ahead(preview, j, last_bend)

@@ -545,7 +545,7 @@ def test_a_leg_that_carries_the_load_alone_is_one_that_is_not_told_of_it(compens
     assert foreseen[1] == pytest.approx(foreseen[0], rel=0.1) and foreseen[0] > 0.1
 
 
-def test_a_preview_counts_by_its_length_in_time(compensated) -> None:
+def test_a_preview_of_half_a_window_is_a_future(compensated) -> None:
     """28 ms of the future are 8 setpoints at 250 Hz: with them the volts are other ones than without, where the future is predicted."""
     made, leg, done, _ = compensated
 

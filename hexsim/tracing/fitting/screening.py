@@ -18,7 +18,6 @@ from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_v
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
-SCREEN_STEP = 0.1  # size of the trial effect, in typical sizes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,9 +35,9 @@ class Screened:
 
 
 def trial_size(candidate: Candidate) -> float:
-    """Coordinate at which the column is taken."""
+    """Coordinate at which the column is taken: typical sizes that are just told apart."""
     parameter = candidate.effect.parameters[0]
-    step = rules.START if np.isinf(parameter.neutral) else SCREEN_STEP
+    step = rules.START if np.isinf(parameter.neutral) else rules.TELLABLE
     low, high = coordinate_bounds(parameter)
     return min(step, high) if high > 0 else -min(step, -low)
 

@@ -20,7 +20,7 @@ from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, s
 from hexsim.tracing.fitting.limits import limits_of, reached
 from hexsim.tracing.fitting.normal import flat
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_coordinate, to_value
-from hexsim.tracing.fitting.screening import SCREEN_STEP, Screened, columns_of
+from hexsim.tracing.fitting.screening import Screened, columns_of
 from hexsim.tracing.fitting.selection import cut, inert, information, scale_of, try_candidate
 from hexsim.tracing.held_out import refused
 from hexsim.tracing.problems.balance import BalanceProblem
@@ -32,7 +32,7 @@ from hexsim.tracing.steps.one_term import with_readings
 from hexsim.tracing.steps.verdict import held_out_gains, named_effect
 
 Array = np.ndarray
-TANGENT = rules.LEAST_STEP / SCREEN_STEP  # of the trial size: near a resonance the answer is soon nonlinear
+TANGENT = rules.LEAST_STEP / rules.TELLABLE  # of the trial size: near a resonance the answer is soon nonlinear
 
 
 def with_columns(fit: Fit, whole: SimulatedProblem, head: SimulatedProblem) -> Fit:
