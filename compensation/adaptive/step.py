@@ -89,6 +89,8 @@ LEAVE_S = 1.5
 LEAST_SHARE = 0.65
 # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
 PERCEIVED_m_s2 = 0.015
+# threshold of perception of a peak in heave: less doubt does not make a leg leave that goes on from an earlier run
+CLEARLY_m_s2 = 10.0 * PERCEIVED_m_s2
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
@@ -654,7 +656,9 @@ def tick_of(
     seen = 1 if s.fit.restored or s.platform or s.share > 0.0 else 2
     if knows and (e.halves >= seen or (_goes_on(s) and e.unsteady == 0)):
         bump2, doubt2 = _stakes(s)
-        felt2 = PERCEIVED_m_s2**2 * max(settings.legs, 1)
+        # calm motion tells nothing of the bumps that are to come
+        new = s.fit.restored == 1 and e.halves < LONG and stays
+        felt2 = (CLEARLY_m_s2 if new else PERCEIVED_m_s2) ** 2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
@@ -683,7 +687,9 @@ def tick_of(
     leaves = step if e.wrong else min(step, max(unfelt, settings.tick_s / LEAVE_S))
     s.share += min(max((1.0 if stands else wanted) - s.share, -leaves), unfelt)
     # corners of the setpoint, rounded off by plain control's lag, would be felt more than its bumps without it
-    s.jolts = 1 if e.halves == 0 or e.jolt2 > max(e.bump2, PERCEIVED_m_s2**2) else 0
+    seen_all = e.halves > 0
+    jolt2, least_m_s2 = (e.jolt2, PERCEIVED_m_s2) if seen_all else (e.jolt * e.jolt, CLEARLY_m_s2)
+    s.jolts = 1 if jolt2 > max(e.bump2, least_m_s2**2) else 0
     s.jolted = QUIET_TICKS if s.jolts else max(s.jolted - 1, 0)
     follows = wanted if s.share == 1.0 and s.jolted == 0 else 0.0
     step = settings.tick_s / (LINEAR_S if follows > 0.0 else RAMP_S if e.wrong else LEAVE_S)
