@@ -657,7 +657,7 @@ def tick_of(
     if knows and (e.halves >= seen or (_goes_on(s) and e.unsteady == 0)):
         bump2, doubt2 = _stakes(s)
         # calm motion tells nothing of the bumps that are to come
-        new = s.fit.restored == 1 and e.halves < LONG and stays
+        new = s.fit.restored == 1 and e.bump2 < CLEARLY_m_s2**2 and stays
         felt2 = (CLEARLY_m_s2 if new else PERCEIVED_m_s2) ** 2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
