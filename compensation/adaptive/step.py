@@ -89,7 +89,8 @@ LEAVE_S = 1.5
 LEAST_SHARE = 0.65
 # ISO 2631-1, C.2: half of alert people just perceive this peak; a bump that nobody feels is no gain
 PERCEIVED_m_s2 = 0.015
-# threshold of perception of a peak in heave: less doubt does not make a leg leave that goes on from an earlier run
+# threshold of perception of a peak in heave. A leg that goes on from an earlier run leaves for no smaller doubt before it has seen such a
+# bump, and before its first half stroke has ended no smaller corner of the setpoint counts
 CLEARLY_m_s2 = 10.0 * PERCEIVED_m_s2
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
@@ -425,8 +426,9 @@ def _expect(s, volts, left, setpoint_m, forward_V):
     if peak and (e.turned or not e.begun):  # the middle of a stroke: a reversal lies behind
         largest2 = max(e.bump * e.bump, e.missed * e.missed, min(e.sigma, MOST_DOUBT * e.bump * e.bump))
         if s.share > 0.0 and largest2 < e.bump2 / LONG:  # as many weigh less than one of those by which it is judged
-            e.bumps2 *= 1.0 - 1.0 / LONG**2
-            e.bump2 *= 1.0 - 1.0 / LONG**2
+            kept = 1.0 - 1.0 / LONG**2
+            e.bumps2 *= kept
+            e.bump2 *= kept
         elif e.begun and e.bump > 0.0:  # and all of the half stroke
             k = e.halves % LONG
             e.bumps2[k], e.lefts2[k], e.misses2[k] = e.bump * e.bump, e.left * e.left, e.missed * e.missed
@@ -657,8 +659,8 @@ def tick_of(
     if knows and (e.halves >= seen or (_goes_on(s) and e.unsteady == 0)):
         bump2, doubt2 = _stakes(s)
         # calm motion tells nothing of the bumps that are to come
-        new = s.fit.restored == 1 and e.bump2 < CLEARLY_m_s2**2 and stays
-        felt2 = (CLEARLY_m_s2 if new else PERCEIVED_m_s2) ** 2 * max(settings.legs, 1)
+        calm = stays and s.fit.restored == 1 and e.bump2 < CLEARLY_m_s2**2
+        felt2 = (CLEARLY_m_s2 if calm else PERCEIVED_m_s2) ** 2 * max(settings.legs, 1)
         for k in range(settings.legs):  # legs of a platform engage together: what they all gain and may lose counts
             bump2 += s.said_bump2[k]
             doubt2 += s.said_doubt2[k]
@@ -687,8 +689,7 @@ def tick_of(
     leaves = step if e.wrong else min(step, max(unfelt, settings.tick_s / LEAVE_S))
     s.share += min(max((1.0 if stands else wanted) - s.share, -leaves), unfelt)
     # corners of the setpoint, rounded off by plain control's lag, would be felt more than its bumps without it
-    seen_all = e.halves > 0
-    jolt2, least_m_s2 = (e.jolt2, PERCEIVED_m_s2) if seen_all else (e.jolt * e.jolt, CLEARLY_m_s2)
+    jolt2, least_m_s2 = (e.jolt2, PERCEIVED_m_s2) if e.halves > 0 else (e.jolt * e.jolt, CLEARLY_m_s2)
     s.jolts = 1 if jolt2 > max(e.bump2, least_m_s2**2) else 0
     s.jolted = QUIET_TICKS if s.jolts else max(s.jolted - 1, 0)
     follows = wanted if s.share == 1.0 and s.jolted == 0 else 0.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from leg_plant import AREA_BOTTOM, AREA_TOP, Leg, run, sine
+from leg_plant import AREA_BOTTOM, AREA_TOP, Leg, Record, run, sine
 from scipy.signal import butter, sosfiltfilt
 
 import compensation
@@ -469,6 +469,12 @@ def test_start_parameters_act_from_the_first_reversals(compensated) -> None:
     assert again.peaks()[1:].max() < plain.peak(4.0, 10.0) / 3
 
 
+def above_the_motion(done: Record) -> np.ndarray:
+    """Size of the acceleration [m/s2] every 1e-4 s from 4 to 50 Hz, above a motion that fades in."""
+    band = butter(4, (4.0, 50.0), "bandpass", fs=1e4, output="sos")
+    return np.abs(sosfiltfilt(band, done.acceleration_m_s2))
+
+
 def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
     """A slow motion whose first reversal comes after 1.3 s: started with what was learned, the leg is compensated from 0.6 s
     on, and that reversal's bump is less than half of plain control's."""
@@ -478,8 +484,7 @@ def test_start_parameters_act_before_the_first_reversal(compensated) -> None:
     again = run(
         made, leg, setpoint=slow, duration_s=3.0, state=made.restore(context, made.parameters(done.state)), seed=5
     )
-    band = butter(4, (4.0, 50.0), "bandpass", fs=1e4, output="sos")  # above a motion that fades in
-    bumps = [np.abs(sosfiltfilt(band, it.acceleration_m_s2)[8_000:25_000]).max() for it in (plain, again)]
+    bumps = [above_the_motion(it)[8_000:25_000].max() for it in (plain, again)]
     assert again.added_V[300:1250].all()
     assert bumps[1] < bumps[0] / 2, bumps
 
@@ -506,10 +511,9 @@ def test_a_calm_time_is_no_reason_to_leave(begins_s, share, stiff) -> None:
         large = 0.05 * np.sin(np.pi * t) * np.minimum(t / 2.0, 1.0)
         return 0.1 + (1.0 - calm) * large + calm * 5e-4 * np.sin(2.0 * np.pi * t)
 
-    band = butter(4, (4.0, 50.0), "bandpass", fs=1e4, output="sos")  # above a motion that fades in
     makers = {made: made.restore(Context(period_s=2.0), known), compensation.create("none"): None}
     done, plain = (run(it, leg, setpoint=course, duration_s=15.0, state=at, seed=5) for it, at in makers.items())
-    after, before = (np.abs(sosfiltfilt(band, it.acceleration_m_s2))[120_000:] for it in (done, plain))
+    after, before = (above_the_motion(it)[120_000:] for it in (done, plain))
     assert done.added_V[-1000:].all()
     for k in range(0, 30_000, 10_000):
         assert after[k : k + 10_000].max() < share * before[k : k + 10_000].max()
@@ -526,12 +530,9 @@ def test_corners_of_the_setpoint_are_not_made_sharper(compensated) -> None:
     acceleration. With that lag taken away the corners came through, with ten times it."""
     made, leg, done, _ = compensated
     state = made.restore(Context(period_s=2.0), made.parameters(done.state))
-    band = butter(4, (4.0, 50.0), "bandpass", fs=1e4, output="sos")
     makers = {made: state, compensation.create("none"): None}
     runs = [run(it, leg, setpoint=triangle, duration_s=10.0, state=at, seed=5) for it, at in makers.items()]
-    ours, plain = (
-        np.abs(sosfiltfilt(band, it.acceleration_m_s2))[10_000:90_000].reshape(8, -1).max(axis=1) for it in runs
-    )
+    ours, plain = (above_the_motion(it)[10_000:90_000].reshape(8, -1).max(axis=1) for it in runs)
     assert runs[0].added_V[1000:].all() and np.all(ours < 1.05 * plain), (ours, plain)
 
 

@@ -74,19 +74,22 @@ class Fit:
         """Standard error of each number of each effect, in its unit."""
         if self.covariance is None:
             return tuple({} for _ in self.candidates)
-        place = len(self.priors)
         errors = []
-        for candidate, values in zip(self.candidates, self.values, strict=True):
+        for k, (candidate, values) in enumerate(zip(self.candidates, self.values, strict=True)):
             own = {}
-            for parameter in candidate.free():
+            for place, parameter in enumerate(candidate.free(), self.places(k).start):
                 sd = float(np.sqrt(max(self.covariance[place, place], 0.0)))
                 here = to_coordinate(parameter, values[parameter.name])
                 own[parameter.name] = abs(to_value(parameter, here + sd) - to_value(parameter, here)) or abs(
                     to_value(parameter, here - sd) - to_value(parameter, here)
                 )
-                place += 1
             errors.append(own)
         return tuple(errors)
+
+    def places(self, k: int) -> slice:
+        """Where the numbers of the k-th effect stand among the coordinates."""
+        first = len(self.priors) + sum(len(candidate.free()) for candidate in self.candidates[:k])
+        return slice(first, first + len(self.candidates[k].free()))
 
 
 def evaluate(fit: Fit, problem: FitProblem) -> Fit:
@@ -181,9 +184,8 @@ def with_effects(fit: Fit, candidates: Sequence[Candidate], size: float, problem
 def without_effect(fit: Fit, k: int) -> Fit:
     """The fit without its k-th effect, all else as it is, with the errors that the other numbers have beside it."""
     candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
-    first, covariance = len(fit.priors) + sum(len(own.free()) for own in fit.candidates[:k]), fit.covariance
+    covariance, gone = fit.covariance, fit.places(k)
     if covariance is not None:
-        gone = slice(first, first + len(fit.candidates[k].free()))
         covariance = np.delete(np.delete(covariance, gone, 0), gone, 1)
     return replace(fit, candidates=candidates, values=values, covariance=covariance, columns=None, alone=None)
 

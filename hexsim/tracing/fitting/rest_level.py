@@ -256,13 +256,9 @@ def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
 
 def without_nuisance(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
     """The base without the nuisance effect of the same effect, and its columns."""
-    fit, m = base.fit, len(base.fit.priors)
+    fit = base.fit
     keep = [k for k, own in enumerate(fit.candidates) if own.label != candidate.label]
-    places = list(range(m))
-    at = m
-    for k, own in enumerate(fit.candidates):
-        places += list(range(at, at + len(own.free()))) if k in keep else []
-        at += len(own.free())
+    places = np.r_[: len(fit.priors), *(fit.places(k) for k in keep)].astype(int)
     bare = replace(fit, candidates=tuple(fit.candidates[k] for k in keep), values=tuple(fit.values[k] for k in keep))
     return bare, [X[places] for X in base.columns]
 

@@ -362,7 +362,7 @@ def coordinate_error(fit: Fit, k: int) -> float:
     """Standard error of the first number of an effect, as a coordinate; 0 where none is known."""
     if fit.covariance is None:
         return 0.0
-    place = len(fit.priors) + sum(len(candidate.free()) for candidate in fit.candidates[:k])
+    place = fit.places(k).start
     return float(np.sqrt(max(fit.covariance[place, place], 0.0)))
 
 

@@ -41,7 +41,7 @@ def with_readings(
 def read_as(fit: Fit, k: int, name: Candidate, balances: BalanceProblem) -> Reading:
     """Effect k of a fit, which has one number, under another name: the number that does the same in the balances."""
     number, (size,) = name.effect.parameters[0], fit.candidates[k].free()
-    place = len(fit.priors) + sum(len(candidate.free()) for candidate in fit.candidates[:k])
+    place = fit.places(k).start
 
     def under_it(value: float) -> Fit:
         values = (*fit.values[:k], {number.name: value}, *fit.values[k + 1 :])
