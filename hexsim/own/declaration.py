@@ -102,6 +102,7 @@ Quantity = Literal[
     "signal",
 ]
 MOST = 64  # states, parameters, outputs, elements, effects: each
+LONGEST = 400  # characters of a unit or of the name of an effect: a formula holds up to four names of 80
 
 
 class SignalTable(Section):
@@ -122,7 +123,7 @@ class ParameterTable(Section):
     declared: float | None = Field(default=None, allow_inf_nan=False)
     uncertainty: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
     scale: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
-    unit: str = Field(default="", max_length=30)
+    unit: str = Field(default="", max_length=LONGEST)
     each: Literal["machine", "run"] = "machine"
 
 
@@ -138,7 +139,7 @@ class StateTable(Section):
     high: str | None = None
     start: float | str = 0.0
     guess: float = Field(default=0.0, allow_inf_nan=False, description="of a free start")
-    unit: str = Field(default="", max_length=30)
+    unit: str = Field(default="", max_length=LONGEST)
 
 
 class MemoryTable(Section):
@@ -163,7 +164,7 @@ class OutputTable(Section):
     formula: str
     noise: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
     quantity: Quantity | None = None
-    unit: str = Field(default="", max_length=30)
+    unit: str = Field(default="", max_length=LONGEST)
 
 
 class EffectNumber(Section):
@@ -181,7 +182,7 @@ class EffectNumber(Section):
 class EffectRow(Section):
     """A row of effects.toml, or [[effects]] of a model file, where `on` says where."""
 
-    name: str = Field(min_length=1, max_length=80)
+    name: str = Field(min_length=1, max_length=LONGEST)
     what: Literal["sum", "input", "output"] = "sum"
     of: list[Quantity] = Field(default_factory=list)
     state: Quantity | None = None

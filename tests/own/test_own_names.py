@@ -1,6 +1,7 @@
 """Names of machines of one's own: a form is proven against free forms, a memory against all memories."""
 
 import json
+import re
 import tomllib
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +16,7 @@ from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
 from hexsim.own import effects, folder
 from hexsim.own import trace as own_trace
-from hexsim.own.declaration import ModelTables
+from hexsim.own.declaration import EffectRow, ModelTables
 from hexsim.own.forms import forms
 from hexsim.own.sizes import waves
 
@@ -150,6 +151,19 @@ def test_formulas_have_the_unit_of_their_sum(tmp_path):
     assert unit("tanh(v / w) in v") == "N"
     assert every["x**2 * v in v"].length > every["x**2 in v"].length
     assert "command**2 in v" not in every and "command * abs(command) in command" in every
+
+
+def test_formulas_over_signals_with_long_names_are_offered(tmp_path):
+    """The longest names that a file may have make the longest units and titles: each is a number and an effect that a file may hold."""
+    long = "v".ljust(80, "v")
+    text = re.sub(r"\bv\b", long, DRIVE).replace("command", "c".ljust(80, "c"))
+    (tmp_path / "model.toml").write_text(text)
+    names = ["c".ljust(80, "c")]
+    every = forms(folder.declared(tmp_path), names, lambda what, name: effects.Sizes())
+    longest = max(len(form.row.parameters["form_amount"].unit) for form in every)
+    assert longest > 160
+    for form in every:
+        EffectRow.model_validate(form.row.model_dump(exclude_none=True))
 
 
 @pytest.mark.timeout(300)
