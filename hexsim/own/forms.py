@@ -267,7 +267,7 @@ def made(
     )
     name = row.name.replace("{y}", on)
     candidate = replace(candidates(row, on, None, tables, sizes)[0], shape=start, name=name, unchanged=before)
-    row = row.model_copy(update={"name": candidate.name[:80]})
+    row = row.model_copy(update={"name": candidate.name})
     standard = {p: f"{kind.replace('{y}', on)} in {on}" for one in factors for p, kind in one.standard.items()}
     return [Form(row=row, candidate=candidate, length=length, standard=standard)]
 

@@ -160,8 +160,8 @@ def test_formulas_over_signals_with_long_names_are_offered(tmp_path):
     (tmp_path / "model.toml").write_text(text)
     names = ["c".ljust(80, "c")]
     every = forms(folder.declared(tmp_path), names, lambda what, name: effects.Sizes())
-    longest = max(len(form.row.parameters["form_amount"].unit) for form in every)
-    assert longest > 160
+    assert max(len(form.row.name) for form in every) > 240
+    assert max(len(form.row.parameters["form_amount"].unit) for form in every) > 80
     for form in every:
         EffectRow.model_validate(form.row.model_dump(exclude_none=True))
 
