@@ -379,8 +379,7 @@ def value_of(text: float | str, sizes: Sizes, where: str) -> float:
 
 def joined(tables: Tables, candidate: Candidate, *, neutral: bool = False) -> Tables:
     """The declaration with the effect in it. neutral: amplitudes at 0 (a switch is a number then), else off 0 as a search begins."""
-    numbers = dict(candidate.numbers)
-    constants = dict(tables.constants)
+    candidate, numbers, constants = as_it_acts(tables, candidate), dict(candidate.numbers), dict(tables.constants)
     if candidate.switch and neutral:
         numbers[candidate.switch] = ParameterTable(start=0.0, scale=1.0)
     elif candidate.switch:
@@ -397,6 +396,26 @@ def joined(tables: Tables, candidate: Candidate, *, neutral: bool = False) -> Ta
         table = made.outputs[candidate.on].model_copy(update={"formula": candidate.formulas["becomes"]})
         return made.model_copy(update={"outputs": made.outputs | {candidate.on: table}})
     return at_input(made, candidate)
+
+
+def as_it_acts(tables: ModelTables, candidate: Candidate) -> Candidate:
+    """The candidate, which may be made beside other effects of the inputs, for the inputs as they act in these tables."""
+    if candidate.what == "input":
+        return candidate
+
+    def now(name: str) -> str:
+        base, _, k = name.rpartition("__")
+        return acting(tables, base)[0] if base in tables.signals and k.isdigit() and name not in tables.signals else name
+
+    swap = lambda text: re.sub(r"[A-Za-z_][A-Za-z0-9_]*", lambda found: now(found.group()), text)  # noqa: E731
+    memory = (candidate.memory[0], candidate.memory[1].changed(swap)) if candidate.memory else None
+    return replace(candidate, formulas={key: swap(text) for key, text in candidate.formulas.items()}, memory=memory)
+
+
+def acting(tables: ModelTables, name: str) -> tuple[str, int]:
+    """(what stands for an input behind the effects at it, how many these are)."""
+    count = sum(one.startswith(f"{name}__") for one in tables.constants)
+    return f"{name}__{count}" if count else name, count
 
 
 def in_sum(tables: Tables, candidate: Candidate) -> Tables:
@@ -426,10 +445,9 @@ def in_sum(tables: Tables, candidate: Candidate) -> Tables:
 
 def at_input(tables: Tables, candidate: Candidate) -> Tables:
     """The input's name stands for what it becomes, in every formula but those of the effect itself."""
-    count = sum(name.startswith(f"{candidate.on}__") for name in tables.constants)
+    old, count = acting(tables, candidate.on)  # effects at one input act one after the other
     acts = f"{candidate.on}__{count + 1}"
     own = candidate.memory[0] if candidate.memory else None
-    old = f"{candidate.on}__{count}" if count else candidate.on  # effects at one input act one after the other
     swap = lambda text: replaced(text, old, acts)  # noqa: E731
     states = {name: renamed_state(state, swap) for name, state in tables.states.items()}
     outputs = {

@@ -125,11 +125,7 @@ def test_nothing_is_named_where_nothing_lacks(clean):
     assert trace.verdict.startswith(("nothing", "unexplained"))
 
 
-def test_every_general_effect_vanishes_at_its_neutral_value():
-    """A drive with a tank, with all effects of the library in it at once (free forms one by one) and amplitudes 0, moves as without them:
-    to 1e-4 of its motion, for a dry friction of 0 still takes a step with a change of sign in two parts, and to 1e-12 until velocity
-    first changes its sign."""
-    text = """
+EVERY_QUANTITY = """
 [signals]
 u = { quantity = "voltage" }
 [states.x]
@@ -154,7 +150,13 @@ formula = "pressure + level + current"
 scheme = "euler"
 steps = 1
 """
-    plain = ModelTables.model_validate(tomllib.loads(text))
+
+
+def test_every_general_effect_vanishes_at_its_neutral_value():
+    """A drive with a tank, with all effects of the library in it at once (free forms one by one) and amplitudes 0, moves as without them:
+    to 1e-4 of its motion, for a dry friction of 0 still takes a step with a change of sign in two parts, and to 1e-12 until velocity
+    first changes its sign."""
+    plain = ModelTables.model_validate(tomllib.loads(EVERY_QUANTITY))
     found = effects.offered(plain, ("u",), lambda what, name: effects.Sizes(T=0.01, D=3.0))
     assert {one.name for one in found} == {row.name for row in effects.library()}
     full = plain
@@ -171,6 +173,20 @@ steps = 1
     assert runs[1][:70] == pytest.approx(runs[0][:70], abs=1e-12)
     for run in runs[1:]:
         assert run == pytest.approx(runs[0], abs=1e-4 * np.abs(runs[0]).max())
+
+
+def test_an_effect_that_is_offered_beside_one_of_an_input_stands_without_it():
+    """What is made while a lag of the drive is in the model is, joined to the model without it, what would have been made there."""
+    plain, columns = ModelTables.model_validate(tomllib.loads(EVERY_QUANTITY)), {"u", "x", "both"}
+    made = lambda tables: {one.title: one for one in effects.offered(tables, ("u",), lambda what, name: effects.Sizes())}  # noqa: E731
+    alone = made(plain)
+    [lag] = [one for title, one in alone.items() if title.startswith("lag of a drive")]
+    beside = made(effects.joined(plain, lag))
+    assert any("u__1" in text for one in beside.values() for text in one.formulas.values())
+    for title, one in alone.items():
+        if one.what == "sum":
+            with_it, without = (effects.joined(plain, same) for same in (beside[title], one))
+            assert model_of(with_it, "here", columns).rates == model_of(without, "here", columns).rates
 
 
 def test_the_commands_take_the_folder(clean, tmp_path):
