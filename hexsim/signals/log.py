@@ -186,6 +186,14 @@ class Log:
         return np.any(np.abs(Window(self.rate).rate(self.position)) < rest_m_s, axis=0)
 
     @cached_property
+    def crossover_rad_s(self) -> float:
+        """Of the position loops: least squares of velocity = crossover * (setpoint - position). 0 without a setpoint."""
+        if self.setpoint is None:
+            return 0.0
+        error, velocity = self.setpoint - self.position, Window(self.rate).rate(self.position)
+        return max(float(np.sum(velocity * error)) / (float(np.sum(error**2)) or 1.0), 0.0)
+
+    @cached_property
     def run_time(self) -> Array:
         """Time since the run began (n,) [s]."""
         return self.time - self.time[0] + self.offset_s

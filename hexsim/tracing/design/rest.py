@@ -110,7 +110,7 @@ def open_rest(
         first=Hypothesis(label=labels[0], fit=fit, known=known[0], named=named or NOTHING),
         own=next((c for c in best.fit.candidates if c.label in named), best.fit.candidates[-1]),
         problem=problem,
-        simulated=replace(simulated, feedback=0),
+        simulated=replace(simulated, feedback=0, volts_share=0.0),
         known=known,
         possible=tuple(possible),
         library=tuple(library[k] for k in kept),

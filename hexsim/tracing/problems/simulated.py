@@ -27,13 +27,16 @@ RING = np.sqrt(2.0)  # amplitude over rms
 class SimulatedProblem(FitProblem):
     """Logs that a model must answer, with the noise of their channels.
 
-    feedback: what gives the volts, see `simulation.rig.Controller`.
+    feedback: what gives the volts, see `simulation.rig.Controller`. shown: share of the position's noise that logged volts show;
+    volts_share: of what they quickly differ by from the model's that acts in the model, see `simulation.closed_loop`.
     input_uncertainty: how far no simulation can know the answer, a log (n_channels, n) in physical units.
     """
 
     logs: tuple[Log, ...]
     noise: dict[str, float]
     feedback: int = DECLARED_LOOP
+    shown: float = 0.0
+    volts_share: float = 0.0
     input_uncertainty: tuple[Array, ...] = ()
     measured: tuple[dict[str, Array], ...] = field(init=False)
     weights: tuple[Array | float, ...] = field(
@@ -80,7 +83,8 @@ class SimulatedProblem(FitProblem):
 
         off_Pa (n_legs,): added to the pressures in which it begins.
         """
-        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback, self.noise, off_Pa)
+        log = self.logs[i]
+        out = simulate_log(machine, log, self.feedback, self.noise, off_Pa, self.volts_share)
         there = {
             stem: rows for stem, rows in out.items() if stem in ("position", "valve") or log.signal(stem) is not None
         }
@@ -88,7 +92,7 @@ class SimulatedProblem(FitProblem):
 
     def simulated_or_refused(self, machine: Machine, i: int) -> None:
         """Raises the reason where the machine cannot be built along log i."""
-        simulated_or_refused(machine, self.logs[i], self.feedback, self.noise)
+        simulated_or_refused(machine, self.logs[i], self.feedback, self.noise, volts_share=self.volts_share)
 
     def sigma(self, i: int) -> Array:
         """What a channel may be off by: sensors' noise, and what no simulation can know. (n_channels, 1) or (n_channels, n)."""
@@ -131,6 +135,11 @@ class SimulatedProblem(FitProblem):
             mean = uniform_filter1d(np.nan_to_num(np.mean(own, axis=0)), width, axis=1, mode="nearest")
             spread.append(margin * np.sqrt(np.maximum(mean, 0.0)))
         return replace(self, input_uncertainty=tuple(spread))
+
+    def with_known_volts(self) -> Self:
+        """The problem with the noise that the logged volts show. A model that is far off takes it for what it lacks: a fit begins
+        without it."""
+        return replace(self, volts_share=self.shown)
 
     def _disturbed(self, machine: Machine, i: int, seed: int) -> Array:
         """The answer (n_channels, n) when what drives the model is off at random."""

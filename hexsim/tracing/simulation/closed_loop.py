@@ -1,6 +1,9 @@
 """Legs under their load in closed loop, compiled: the simulation that fits ask for thousands of times.
 
 u_k = K (s_k - y_m)  every 1/rate seconds, held, after the computing delay; then delay and hysteresis of the valve
+
+The real loop reads the position with its noise, which moves the machine. Logged volts U_k that show this noise act in the model, too, but
+for what they slowly differ by from its own, so that its loop holds it to its setpoint: u_k + c (1 - L)(U_k - u_k), L a low-pass.
 """
 
 from __future__ import annotations
@@ -41,6 +44,7 @@ class Inputs(NamedTuple):
     near_rest (n,): where any leg is near standstill by its measured position: there steps follow the ring of a reversal, so that
     variants of a model step alike and their differences are smooth. What friction's sign asks for goes by the model's own speed.
     rate_Hz: of the samples. first_tick: sample of the controller's first tick. start_s: time that the run lasts already.
+    volts_share: c, of what logged volts quickly differ by from the model's. slow_share: of L, a sample.
     """
 
     setpoint: np.ndarray
@@ -50,6 +54,8 @@ class Inputs(NamedTuple):
     rate_Hz: float
     first_tick: int
     start_s: float
+    volts_share: float
+    slow_share: float
 
 
 SIGNALS = ("setpoint", "volts", "position", "near_rest")  # of the inputs, sample by sample
@@ -58,7 +64,7 @@ SIGNALS = ("setpoint", "volts", "position", "near_rest")  # of the inputs, sampl
 class Room(NamedTuple):
     """Arrays that the simulation works in. state (n_states,); slopes: four, and a state to try; y, v, v a sample ago, held volts
     and how far a valve's two plays are apart (n_legs,). late: whole samples and rests of the valves' delays, volts of the sample before
-    and those that the spools have now (n_legs,).
+    and those that the spools have now (n_legs,). slow (n_legs,): what logged volts and the model's slowly differ by.
 
     positions, pressures of the bottom chambers and of the rod sides, volts, volts before the computing delay (n_legs, n),
     accelerations (n_axes, n): what happened, for sensors and valves with a delay.  sharp (n_rows,): what the sensors of `run`
@@ -69,6 +75,7 @@ class Room(NamedTuple):
     slopes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     legs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     late: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    slow: np.ndarray
     positions: np.ndarray
     pressures: np.ndarray
     tops: np.ndarray
@@ -90,7 +97,7 @@ def room_for(rig: Rig, inputs: Inputs, start: np.ndarray) -> Room:
     slopes = (s(start), s(start), s(start), s(start), s(start))
     rows = 4 * n_legs + 1 + n_axes
     return Room(
-        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), (*late, s(y), s(y)), moved, bottom, top, volts, asked, np.empty((n_axes, n)),
+        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), (*late, s(y), s(y)), s(y), moved, bottom, top, volts, asked, np.empty((n_axes, n)),
         np.zeros(rows), np.zeros((rows, n_sections, 2)),
     )  # fmt: skip
 
@@ -158,6 +165,16 @@ def computed(asked, i, delay_ticks, every):
 
 
 @compiled
+def acting_volts(inputs, j, i, computed_V, slow):
+    """Volts that leg j's valve gets at sample i: the loop's, and a share of what logged ones quickly differ by. slow: see `Room`."""
+    if inputs.volts_share == 0.0:
+        return computed_V
+    off = inputs.volts[j, i] - computed_V
+    slow[j] = off if i == 0 else slow[j] + inputs.slow_share * (off - slow[j])
+    return computed_V + inputs.volts_share * (off - slow[j])
+
+
+@compiled
 def delayed_volts(part_s, held, was, at, dt, now):
     """Write the volts (n_legs,) that the spools have from `at` in a sample on; return until when [s], dt at most.
 
@@ -186,8 +203,8 @@ def run(rig, inputs, room, out):
     """
     legs, geometry, s, load, sensors, controller, rule = rig
     position, pressure, top, acceleration, supply_gain, filters, place, turned = sensors
-    state, slopes, (y, v, before, held, apart), (whole, part_s, was, now) = room[:4]
-    y_true, p_true, top_true, u_true, asked, a_true, sharp, memory = room[4:]
+    state, slopes, (y, v, before, held, apart), (whole, part_s, was, now), slow = room[:5]
+    y_true, p_true, top_true, u_true, asked, a_true, sharp, memory = room[5:]
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
@@ -207,7 +224,8 @@ def run(rig, inputs, room, out):
             read = y[j] if controller.feedback == OWN_TRANSDUCER else out[j, i]
             asked[j, i] = asked_volts(controller, inputs, j, i, read) if tick else asked[j, i - 1]
             late = 0.0 if controller.feedback == LOGGED_VOLTS else controller.delay_ticks[j]
-            u_true[j, i] = computed(asked[j], i, late, every) if tick else u_true[j, i - 1]
+            out[n_legs + j, i] = computed(asked[j], i, late, every) if tick else out[n_legs + j, i - 1]
+            u_true[j, i] = acting_volts(inputs, j, i, out[n_legs + j, i], slow)
             ahead = u_true[j, max(i - whole[j], 0)]
             was[j] = held[j]
             held[j], apart[j] = valve.hysteresis(
@@ -215,7 +233,6 @@ def run(rig, inputs, room, out):
             )
             if i == 0:
                 was[j] = held[j]
-            out[n_legs + j, i] = u_true[j, i]
             b, r = 2 * n_legs + j, 3 * n_legs + j
             sharp[b] = shown(p_true[j], i, pressure[j], rate, sharp[b])
             sharp[r] = shown(top_true[j], i, top[j], rate, sharp[r])

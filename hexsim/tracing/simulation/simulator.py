@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping
 from typing import Any
 
@@ -20,33 +21,43 @@ Array = np.ndarray
 
 
 def simulate_log(
-    machine: Machine, log: Log, feedback: int, noise: Mapping[str, float], off_Pa: Array | float = 0.0
+    machine: Machine,
+    log: Log,
+    feedback: int,
+    noise: Mapping[str, float],
+    off_Pa: Array | float = 0.0,
+    volts_share: float = 0.0,
 ) -> dict[str, Array]:
     """Outputs as the sensors show them, without noise; NaN after a divergence, and all of it of a machine that cannot be built.
 
     position, valve, pressure_bottom, pressure_top, pressure_difference (n_legs, n); pressure_supply (n,);
     acceleration (1, n) of a bench, (3, n) of a platform, angular_acceleration (3, n) of a platform.
     noise: of the channels by kind, which weighs what the start of the log shows. off_Pa (n_legs,): added to the pressures at
-    the bottom in which it begins.
+    the bottom in which it begins. volts_share: see `loop.Inputs`.
     """
-    out = attempted(lambda: simulated_or_refused(machine, log, feedback, noise, off_Pa))
+    out = attempted(lambda: simulated_or_refused(machine, log, feedback, noise, off_Pa, volts_share))
     if out is not None:
         return out
     return outputs(np.full((4 * log.n_legs + 1 + (1 if log.n_legs == 1 else 6), log.n), np.nan), log.n_legs)
 
 
 def simulated_or_refused(
-    machine: Machine, log: Log, feedback: int, noise: Mapping[str, float], off_Pa: Array | float = 0.0
+    machine: Machine,
+    log: Log,
+    feedback: int,
+    noise: Mapping[str, float],
+    off_Pa: Array | float = 0.0,
+    volts_share: float = 0.0,
 ) -> dict[str, Array]:
     """`simulate_log` that raises for a machine that cannot be built, with the reason."""
-    rig, resolved = rig_of(machine, feedback, log.loaded, log.rate)
-    if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
-        out = simulated_or_refused(machine, log.finer(finer), feedback, noise, off_Pa)
-        return {name: rows[..., ::finer] for name, rows in out.items()}
-    inputs = inputs_of(log, rig)
-    start = shot(rig, inputs, start_state(rig, resolved, log), log, noise)
+    finer = samples_of_sample(log.rate, float(machine.controller.rate_Hz))
+    fine = log.finer(finer) if finer > 1 else log
+    rig, resolved = rig_of(machine, feedback, fine.loaded, fine.rate)
+    inputs = inputs_of(fine, rig, volts_share if finer == 1 else 0.0)
+    start = shot(rig, inputs, start_state(rig, resolved, fine), fine, noise)
     start[motion.LEGS + motion.LEG_P1 : motion.LEGS + log.n_legs * motion.LEG_STATES : motion.LEG_STATES] += off_Pa
-    return outputs(answer_of(log, rig, inputs, start), log.n_legs)
+    out = outputs(answer_of(fine, rig, inputs, start), log.n_legs)
+    return out if finer == 1 else {name: rows[..., ::finer] for name, rows in out.items()}
 
 
 def answer_of(log: Log, rig: Rig, inputs: loop.Inputs, start: Array) -> Array:
@@ -65,7 +76,7 @@ def numbers_of(value: Any) -> Hashable:
     return value.tobytes() if isinstance(value, np.ndarray) else value
 
 
-def inputs_of(log: Log, rig: Rig) -> loop.Inputs:
+def inputs_of(log: Log, rig: Rig, volts_share: float) -> loop.Inputs:
     """What of a log drives the simulation."""
     nothing = np.zeros((log.n_legs, log.n))
     return loop.Inputs(
@@ -76,6 +87,8 @@ def inputs_of(log: Log, rig: Rig) -> loop.Inputs:
         rate_Hz=float(log.rate),
         first_tick=log.tick_phase(max(round(log.rate / rig.controller.rate_Hz), 1)),
         start_s=log.offset_s,
+        volts_share=volts_share,
+        slow_share=-math.expm1(-log.crossover_rad_s / log.rate),  # leaves the loop 52 degrees of phase margin
     )
 
 

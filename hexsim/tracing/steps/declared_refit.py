@@ -1,7 +1,7 @@
 """The declared parameters refitted by simulation, inside their uncertainty: the base that every effect must beat.
 
 A log of minutes is first fitted over its first one: most steps are then short. The last ones, with the uncertainty of the
-inputs at the machine that this gave, see all of it.
+inputs at the machine that this gave, see all of it. What comes near the noise is fitted with the noise that the logged volts show.
 """
 
 from __future__ import annotations
@@ -34,6 +34,11 @@ def refit_declared(trace: Trace, tell: Tell) -> Trace:
     problem, held_out = (q.with_input_uncertainty(base.fitted_machine()) for q in (problem, held_out))
     start = replace(start_fit_at(base, problem), columns=problem.reweighted(base.columns, first) if whole else None)
     base = refine(start, problem, fresh=True, relative=rules.BASE_TOLERANCE, made_here=True)
+    if problem.shown and base.reduced < rules.NEAR and not residual_at_noise_level(base.misfit):
+        known, then = (q.with_known_volts().with_input_uncertainty(base.fitted_machine()) for q in (problem, held_out))
+        near = refine(start_fit_at(base, known), known, fresh=True, relative=rules.BASE_TOLERANCE)
+        if near.reduced < rules.NEAR:
+            base, problem, held_out = near, known, then
     end = "at the noise in every channel" if residual_at_noise_level(base.misfit) else "more than noise is left"
     return replace(
         trace,

@@ -83,8 +83,8 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem, near: Fit) -> Fit | Non
     What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole: that fit ends as soon as
     what its columns promise cannot bring it there, or as it is there. The whole is then
     fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect. A hypothesis
-    that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
-    static friction makes the same disturbances move the machine further.
+    that comes near is judged with the noise that the logged volts show, and by what no simulation can know about itself, not about the
+    declared machine: a delay or more static friction makes the same disturbances move the machine further.
     near: a machine nearby: its columns of the declared parameters serve until they become poor.
     """
     head = problem.head(rules.OPENING_S)
@@ -101,14 +101,14 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem, near: Fit) -> Fit | Non
     if not residual_at_noise_level(opening.misfit, share):
         if opening.reduced > rules.NEAR:
             return None
-        own = head.with_input_uncertainty(opening.fitted_machine())
+        own = head.with_known_volts().with_input_uncertainty(opening.fitted_machine())
         judged = replace(start_fit_at(opening, own), columns=own.reweighted(opening.columns, head))
         if judged.chi2 >= opening.chi2:  # its own inputs leave no more unknown
             return None
         opening = refine(judged, own, fresh=True, worth=worth)
         if not residual_at_noise_level(opening.misfit, share):
             return None
-        known = problem.with_input_uncertainty(opening.fitted_machine())
+        known = problem.with_known_volts().with_input_uncertainty(opening.fitted_machine())
         whole = fitted_from((opening, rival), known, known.reweighted(near.columns, problem))
         if whole is None:
             return None
@@ -139,7 +139,8 @@ def refit_with_own_input_uncertainty(trace: Trace) -> Trace:
     if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR:
         return trace
     own, held_out = (
-        q.with_input_uncertainty(final.fitted_machine()) for q in (trace.fit_problem, trace.validate_problem)
+        q.with_known_volts().with_input_uncertainty(final.fitted_machine())
+        for q in (trace.fit_problem, trace.validate_problem)
     )
     fit = pruned(refine(start_fit_at(final, own), own, stated=True), own)
     if not residual_at_noise_level(fit.misfit):

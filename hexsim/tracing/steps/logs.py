@@ -12,7 +12,7 @@ from hexsim.errors import HexsimError
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import changed, find_machine_file
 from hexsim.readers import log_files, read_stretches
-from hexsim.signals.channels import noise_of
+from hexsim.signals.channels import measured_noise, noise_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import ALIKE, loops_of, reads_another_transducer
@@ -78,6 +78,33 @@ def another_controller(machine: Machine, log: Log, noise: dict[str, float]) -> b
     off = np.median(np.abs(log.volts - asked)[:, log.tick_phase(every) :: every])
     another = off > rules.CERTAIN * K.max() * noise["position_m"] and off > ALIKE * np.std(log.volts)
     return bool(another) and loops_of(log, machine) is None
+
+
+def shown_share(
+    machine: Machine,
+    logs: Sequence[Log],
+    noise: dict[str, float],
+    *,
+    shown: float = 0.1,  # least share: twice what the estimate of a log of 5 s, 2,500 ticks, is off by
+    late_ticks: int = 3,  # of logged volts: a computer's and a logger's tick, and one to spare
+) -> float:
+    """Share of the position's noise that the logged volts show, in their variance, 0 to 1: then it was in the loop, and moved the machine.
+
+    1: the volts are those of the logged samples. 0: the controller read others, or the log lacks setpoints, volts or ticks.
+    """
+    controller, shares = machine.controller, []
+    K = machine.of_legs("controller", "gain_V_per_m")
+    for log in logs:
+        if log.setpoint is None or log.volts is None or log.rate < 0.95 * controller.rate_Hz:  # clocks differ by less
+            return 0.0
+        every = max(round(log.rate / controller.rate_Hz), 1)
+        ticks = slice(log.tick_phase(every), None, every)
+        for gain, s, y, u in zip(K, log.setpoint[:, ticks], log.position[:, ticks], log.volts[:, ticks], strict=True):
+            asked, n = gain * (s - y), len(u) - late_ticks
+            off = min(measured_noise(u[k:][:n] - asked[:n]) for k in range(late_ticks + 1)) / gain
+            shares.append(1.0 - (off / max(measured_noise(y), noise["position_m"])) ** 2)
+    share = float(np.clip(np.mean(shares), 0.0, 1.0))
+    return share if share > shown else 0.0
 
 
 def refuse_same_logs(folder: Path, fit: Sequence[str], validate: Sequence[str]) -> None:
@@ -158,7 +185,8 @@ def begin(
     noise = noise_of(machine, fit_logs)
     feedback = feedback_of(machine, [*fit_logs, *held_out_logs], noise)
     refuse_undriven([*fit_logs, *held_out_logs], feedback)
-    problem = SimulatedProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)
+    share = shown_share(machine, [*fit_logs, *held_out_logs], noise)
+    problem = SimulatedProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback, shown=share)
     base = start_fit(machine, priors(machine), problem)
     if not np.isfinite(base.chi2):  # of the declared machine its user is told why it cannot be built
         for i in range(len(fit_logs)):
