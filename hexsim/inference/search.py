@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -113,6 +113,7 @@ def search(
             lambda what, share=share: tell(what, share),
             notes,
             compared,
+            base.names,
         )
         best = next((one for one in judged if one.named), None)
         if best is None:
@@ -143,11 +144,13 @@ def one_round(
     tell: Callable[[str], None],
     notes: Notebook,
     compared: int,
+    declared: Collection[str],
     *,
     least_nats: float = 1.0,  # that a linear look must promise
     n_tried: int = 4,  # candidates of a round that are fitted in full, and all near the best one or a named one, at most MOST_TRIED
 ) -> tuple[list[Judgment], int]:
-    """Candidates that were fitted in full, the best first, and how many all rounds have compared. compared: the earlier ones."""
+    """Candidates that were fitted in full, the best first, and how many all rounds have compared. compared: the earlier ones.
+    declared: numbers of the machine's file."""
     ranked = screened(machine, chosen, now)
     compared += len(ranked)
     tell(f"{len(ranked)} candidates")
@@ -164,7 +167,7 @@ def one_round(
             )
         except HexsimError:
             continue
-        judged.append(judge(candidate, candidate.title, candidate.amplitude, fitted, held, after, compared))
+        judged.append(judge(candidate, candidate.title, candidate.amplitude, fitted, held, after, compared, declared))
         # what promised more and did not keep it must not hide what ties with a name
         near = min(near, promise - needed(compared)) if judged[-1].named else near
     judged.sort(key=lambda one: (not one.named, -one.nats))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -66,12 +66,21 @@ class Judgment:
 
 
 def judge(
-    candidate: Any, title: str, amplitude: Sequence[str], fitted: Fit, before: HeldOut, after: HeldOut, tried: int
+    candidate: Any,
+    title: str,
+    amplitude: Sequence[str],
+    fitted: Fit,
+    before: HeldOut,
+    after: HeldOut,
+    tried: int,
+    declared: Collection[str] | None = None,
 ) -> Judgment:
-    """tried: candidates that were compared. amplitude: numbers that are 0 where the effect is not there (none: it has no size)."""
+    """tried: candidates that were compared. amplitude: numbers that are 0 where the effect is not there (none: it has no size).
+    declared: numbers of the machine's file, none of which it may take the place of (None: all that there are). Earlier effects are
+    taken out where they no longer earn their place."""
     gains = after.density - before.density
     errors = errors_of(before, after)
-    unsure = stand_in(fitted, amplitude) or replaced(fitted, before.fits)
+    unsure = stand_in(fitted, amplitude) or replaced(fitted, before.fits, declared)
     verdict, why = said(gains, errors, unsure, needed(tried))
     numbers = len(of_machine(fitted)) - len(of_machine(before.fits[0]))
     return Judgment(
@@ -157,9 +166,9 @@ def without_size(steps: Sequence[Judgment], final: Fit) -> list[Judgment]:
     return doubted
 
 
-def replaced(fitted: Fit, before: Sequence[Fit]) -> str:
+def replaced(fitted: Fit, before: Sequence[Fit], declared: Collection[str] | None = None) -> str:
     """Which declared number goes to an end of its interval with the effect, and did not without: two names of one term."""
-    ended = at_end(fitted) & set(before[0].names)
+    ended = at_end(fitted) & set(before[0].names if declared is None else declared)
     taken = sorted(ended - set().union(*(at_end(one) for one in before)))
     return f"it takes the place of {taken[0]}, which goes to an end of its interval" if taken else ""
 

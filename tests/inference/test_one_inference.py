@@ -204,6 +204,29 @@ def test_what_promises_more_and_does_not_keep_it_hides_no_tie(monkeypatch):
     assert step.tied[0].endswith("odds 1 to 1.0")
 
 
+class Instead(Columns):
+    """b, which is not below 0, was found first; c, its like, and a little less than no b are what is missing."""
+
+    def __init__(self, rng):
+        super().__init__(rng)
+        self.free = []
+        for x in self.x:
+            x[:, 2] = x[:, 1] + x[:, 2]
+        self.y = [y + x @ [0.0, -0.1, 1.0, 0.0] for x, y in zip(self.x, self.y, strict=True)]
+
+    def problem(self, chosen):
+        made = super().problem(chosen)
+        made.numbers = [replace(one, low=0.0) if one.name == "b" else one for one in made.numbers]
+        return made
+
+
+def test_an_effect_that_was_chosen_first_gives_way(monkeypatch):
+    """With c the number of b goes to 0, where its interval ends: c is the name, and b is none any more."""
+    looked = iter([[(60.0, One("b"))], [(60.0, One("c"))]])
+    monkeypatch.setattr("hexsim.inference.search.screened", lambda *_: next(looked, []))
+    assert [step.title for step in search(Instead(np.random.default_rng(4))).steps] == ["c"]
+
+
 def test_a_name_beside_which_something_is_left_is_no_name():
     """Where the cube of b's signal is missing b gains and is not named, for a free form finds more at its place, or takes its own gain
     from another one. Where b itself is missing beside a cube at another place, b stands: with the form it still earns its place."""
