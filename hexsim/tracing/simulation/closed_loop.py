@@ -170,7 +170,7 @@ def acting_volts(inputs, j, i, computed_V, slow):
     if inputs.volts_share == 0.0:
         return computed_V
     off = inputs.volts[j, i] - computed_V
-    slow[j] = off if i == 0 else slow[j] + inputs.slow_share * (off - slow[j])
+    slow[j] = 0.0 if i == 0 else slow[j] + inputs.slow_share * (off - slow[j])  # both begin where the log does
     return computed_V + inputs.volts_share * (off - slow[j])
 
 

@@ -66,7 +66,8 @@ def answer_of(log: Log, rig: Rig, inputs: loop.Inputs, start: Array) -> Array:
     most = 32 * 2**20 // each  # bytes: a refit's columns are asked for again by the next, weighed otherwise
     if most < 2:  # of a log of minutes
         return loop.answer(rig, inputs, start)
-    return latest(log, "answer", (numbers_of(rig), start.tobytes()), lambda: loop.answer(rig, inputs, start), most)
+    key = (numbers_of(rig), start.tobytes(), inputs.volts_share)
+    return latest(log, "answer", key, lambda: loop.answer(rig, inputs, start), most)
 
 
 def numbers_of(value: Any) -> Hashable:
