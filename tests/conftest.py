@@ -44,3 +44,9 @@ def hexapod() -> Machine:
 def row(bench):
     """A fresh row (N_PARAMETERS,) of the bench's leg, to be changed at will."""
     return parameters.declared_rows(bench)[0]
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures stay white, half of a page's time, where a test looks at none; another test of the same page draws it."""
+    monkeypatch.setattr("hexsim.recording.figure_style.FigureCanvasAgg.draw", lambda canvas: canvas.get_renderer())
