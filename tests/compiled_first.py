@@ -16,25 +16,31 @@ os.environ["NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"] = "1"
 
 
 def computers() -> None:
-    """Algorithms of one leg, what a motion computer predicts of its host, and the plant that tests of tracing have of their own."""
+    """Algorithms of one leg, what a motion computer predicts of its host, and the plants that tests have of their own."""
     import compensation
     from compensation import Context, Sample
     from hexsim.motion_computer import host_packet
     from hexsim.motion_computer.host_buffer import HostBuffer
 
     sample = Sample(0.0, 0.1, np.full(15, 0.1), 0.1, 0.0, 0.0, 3.4e6, 7e6)
-    for name in ("adaptive", "buffered", "iterative"):
+    for name in ("adaptive", "buffered", "iterative", "repetitive"):
         made = compensation.create(name)
         _, state = made.step(made.start(Context()), sample)
         made.parameters(state)
-    buffer = HostBuffer()
+    buffer = HostBuffer(latency_s=0.0)
     for k in range(4):
         buffer.add(host_packet.HostCommand(sequence=k, time_s=0.01 * k, setpoints=(0.0,) * 6), 0.01 * k)
-    sys.path.append(str(FOLDER / "tracing"))
+    buffer.target(0.04)
+    sys.path += [str(FOLDER / "tracing"), str(FOLDER / "compensation")]
+    from leg_plant import run, sine
     from other_plant import declared_plant, simulate
+    from pair_plant import PairLeg, run_pair
 
-    sys.path.pop()
+    del sys.path[-2:]
     simulate(declared_plant("bench"), "fit", 1, 0.1)
+    plain = compensation.create("none")
+    run(plain, duration_s=0.01)
+    run_pair(plain, PairLeg(), sine(), 0.01)
 
 
 def machines() -> None:

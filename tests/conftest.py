@@ -2,14 +2,18 @@
 
 import gc
 import os
+from functools import cache
 
 import compiled_first
 import pytest
+import typer.testing
 
 from hexsim import Machine
 from hexsim.hydraulics import parameters
 from hexsim.machine import load_machine
 
+# the signatures of all commands are read once, and not with every call of one
+typer.testing._get_command = cache(typer.testing._get_command)
 os.environ["HEXSIM_NO_PROGRESS"] = "1"  # stderr holds sentences alone, on a slow computer and with an empty cache too
 
 
@@ -44,3 +48,9 @@ def hexapod() -> Machine:
 def row(bench):
     """A fresh row (N_PARAMETERS,) of the bench's leg, to be changed at will."""
     return parameters.declared_rows(bench)[0]
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures stay white, half of a page's time, where a test looks at none; another test of the same page draws it."""
+    monkeypatch.setattr("hexsim.recording.figure_style.FigureCanvasAgg.draw", lambda canvas: canvas.get_renderer())

@@ -69,6 +69,7 @@ def test_figures_of_a_simulated_log_are_those_of_qualify(hexapod, played, tmp_pa
     assert json.loads((tmp_path / "measure.json").read_text())["rows"] == result["rows"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_by_its_sensors_a_log_says_the_same_within_their_noise(hexapod, played, tmp_path):
     """Noise of 0.02 m/s2 in the accelerometer: the peak in the band is at most 0.1 m/s2 off, the phase 0.3 deg."""
     _, log = played
@@ -82,6 +83,7 @@ def test_by_its_sensors_a_log_says_the_same_within_their_noise(hexapod, played, 
     assert phases[1] == pytest.approx(phases[0], abs=0.3)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_narrow_sensor_is_said_and_its_band_used(hexapod, played, tmp_path):
     """A bandwidth of 20 Hz: the peak is lower, and the report says of which band it is."""
     _, log = played
@@ -135,6 +137,7 @@ def test_a_sine_is_found_with_its_frequency_and_start():
     assert measured.sine_of(t, 0.05 * np.sin(2 * np.pi * 0.05 * t)) is None
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_another_motion_gives_its_frequency_response(bench, tmp_path):
     """A multisine on the bench: its gain at 0.5 Hz is that of a sine within 0.5 dB (the machine is not linear)."""
     scenario = Scenario(
@@ -197,6 +200,7 @@ MOTIONS = {
 }
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", MOTIONS)
 def test_a_machine_that_follows_perfectly_does_not_fail(hexapod, tmp_path, name):
     """A made-up log whose legs and accelerations are exactly those asked for: nothing is exceeded, and each limit judges only
@@ -223,6 +227,7 @@ def test_a_machine_that_follows_perfectly_does_not_fail(hexapod, tmp_path, name)
     assert result["passed"] is (True if judged else None)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_strict_ends_with_one_where_a_limit_is_exceeded(hexapod, tmp_path):
     """`measure --strict` on the shipped machine without compensation: 1 and the tests that are exceeded; without it 0."""
     simulate(hexapod, load_scenario("heave", duration_s=8.0), fast=True).log.write_parquet(tmp_path / "log.parquet")

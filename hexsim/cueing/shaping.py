@@ -70,6 +70,6 @@ class Shaping:
         given = np.concatenate((np.asarray(acceleration, dtype=float), np.asarray(rates, dtype=float)))
         self._now += (self._wanted - self._now) * (self._tick_s / (follow_s + self._tick_s))
         gain, lag_s, band = self._now.T
-        beyond = given - np.clip(given, -band, band)
+        beyond = given - np.minimum(np.maximum(given, -band), band)
         self._lagged += (beyond - self._lagged) * (self._tick_s / (lag_s + self._tick_s))
         return gain * self._lagged

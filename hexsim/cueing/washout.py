@@ -79,17 +79,16 @@ class _Filter:
     """A continuous filter of n channels by the bilinear rule, direct form II transposed, from rest."""
 
     def __init__(self, over: ArrayLike, under: ArrayLike, rate_Hz: float) -> None:
-        b, self.a = (
-            np.asarray(row) for row in scipy.signal.bilinear(np.atleast_1d(over), np.atleast_1d(under), rate_Hz)
-        )
-        self.b = np.r_[np.zeros(len(self.a) - len(b)), b]  # a[0] is 1
-        self.memory = np.zeros(len(self.a))
+        b, a = (np.asarray(row) for row in scipy.signal.bilinear(np.atleast_1d(over), np.atleast_1d(under), rate_Hz))
+        self.a = a.tolist()  # numbers of Python, as they are used one by one; a[0] is 1
+        self.b = [*[0.0] * (len(a) - len(b)), *b.tolist()]
+        self.memory = [0.0] * len(a)
 
     def step(self, value: float) -> float:
         out = self.b[0] * value + self.memory[0]
         for k in range(1, len(self.a)):
             self.memory[k - 1] = self.b[k] * value - self.a[k] * out + self.memory[k]
-        return float(out)
+        return out
 
 
 class Cueing:

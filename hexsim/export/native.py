@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -255,15 +255,24 @@ def _setpoints_of(plant: Plant) -> Any:
 
 def objects(functions: dict[str, Any], system: System, folder: Path) -> tuple[list[Path], list[str]]:
     """Object files of the `equations` in `folder`; and the error paths to leave empty."""
-    machine = target_machine(system)
     made, missing = [], set()
     for name, function in functions.items():
-        module = module_of(function, f"hexsim_{name}", system, machine, exported=False)
-        undefined = [*module.functions, *module.global_variables]
-        missing |= {part.name for part in undefined if part.is_declaration and part.name.startswith(ERROR_PATHS)}
+        code, undefined = _object(function, name, system)
+        missing |= undefined
         made.append(folder / f"{name}.{system.name}.o")
-        made[-1].write_bytes(machine.emit_object(module))
+        made[-1].write_bytes(code)
     return made, sorted(missing - set(MEMORY))
+
+
+@lru_cache(maxsize=64)  # most are those of all machines with so many legs; a machine has nine
+def _object(function: Any, name: str, system: System) -> tuple[bytes, set[str]]:
+    """Object file of one of the `equations`, and its error paths."""
+    machine = target_machine(system)
+    module = module_of(function, f"hexsim_{name}", system, machine, exported=False)
+    undefined = [*module.functions, *module.global_variables]
+    return machine.emit_object(module), {
+        part.name for part in undefined if part.is_declaration and part.name.startswith(ERROR_PATHS)
+    }
 
 
 def link(folder: Path, system: System, fmi: int, given: list[Path], out: Path) -> None:

@@ -27,10 +27,10 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic, overload
-from scipy.constants import mega as MPa  # [Pa]
 
 from hexsim.compiled import compiled, compiled_callback
 from hexsim.errors import HexsimError
+from hexsim.files.toml_files import SI
 from hexsim.hydraulics import chamber, learned, leg, supply
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.supply import S
@@ -38,6 +38,7 @@ from hexsim.plant import states
 from hexsim.plant.states import ROW, A
 from hexsim.plant.structs import slot
 
+MPa = SI["MPa"]  # [Pa]
 POWER_UNIT_SCALE = np.array([1.0, 1.0, 1.0, MPa, 1.0, MPa])  # SI over what stands in act, places U
 WORDS = 4096  # enough words of either struct to reach the fields that are read
 

@@ -68,7 +68,10 @@ class Leg:
         return np.array([0.1, 0.0, p1, self.null_V, 0.0, 0.0, self.supply_Pa])
 
 
-@nb.njit(cache=True)
+fast = nb.njit(cache=True, _nrt=False)  # makes no arrays, so that no owner need be counted
+
+
+@fast
 def _area(x, p):
     if p[6] == 1.0:
         return 300.0 * x * x if x > 0 else 0.0
@@ -78,7 +81,7 @@ def _area(x, p):
     return math.pi * 0.01 * max(t, 0.0)
 
 
-@nb.njit(cache=True)
+@fast
 def _rates(s, u, p, out):
     y, v, pressure, x, supply = s[0], s[1], s[2], s[3], s[6]
     u += p[13]
@@ -116,9 +119,15 @@ def _rates(s, u, p, out):
     out[6] = ((p[3] - supply) / p[17] - inflow) / 6e-12 if p[17] > 0.0 else 0.0
 
 
-@nb.njit(cache=True)
-def _advance(s, volts, p, h, position, acceleration):
-    k1, k2, k3, k4 = np.zeros(7), np.zeros(7), np.zeros(7), np.zeros(7)
+@fast
+def _towards(s, h, slope, out):
+    for j in range(7):
+        out[j] = s[j] + h * slope[j]
+
+
+@fast
+def _advance(s, volts, p, h, position, acceleration, space):
+    k1, k2, k3, k4, there = space[0], space[1], space[2], space[3], space[4]
     parts = 1 if p[14] == 0.0 else 4  # stiff bristles
     h /= parts
     for i in range(len(volts)):
@@ -130,9 +139,12 @@ def _advance(s, volts, p, h, position, acceleration):
             _rates(s, u, p, k1)
             if part == 0:
                 acceleration[i] = k1[1]
-            _rates(s + 0.5 * h * k1, u, p, k2)
-            _rates(s + 0.5 * h * k2, u, p, k3)
-            _rates(s + h * k3, u, p, k4)
+            _towards(s, 0.5 * h, k1, there)
+            _rates(there, u, p, k2)
+            _towards(s, 0.5 * h, k2, there)
+            _rates(there, u, p, k3)
+            _towards(s, h, k3, there)
+            _rates(there, u, p, k4)
             for j in range(7):
                 s[j] += h / 6 * (k1[j] + 2 * k2[j] + 2 * k3[j] + k4[j])
 
@@ -213,7 +225,7 @@ def run(
     rng = np.random.default_rng(seed)
     wiggle = rng.normal(0, 1, (ticks, 3)) * ([3e-6, 4e3, 4e3] if noise else [0.0, 0.0, 0.0])
     wiggle[:, 0] += np.cumsum(rng.normal(0, velocity_noise_m_s / rate_Hz, ticks)) if velocity_noise_m_s else 0.0
-    s = leg.state()
+    s, space = leg.state(), np.zeros((5, 7))
     position, valve, added = np.zeros(ticks), np.zeros(ticks), np.zeros(ticks)
     acceleration, true_m = np.zeros(ticks * steps), np.full(ticks * steps + 1, s[0])
     arriving, late = np.zeros(ticks * steps + 1000), round(leg.valve_delay_s / STEP_S)  # volts before the play, late
@@ -246,7 +258,7 @@ def run(
         follower = min(max(follower, sent - leg.backlash_V), sent + leg.backlash_V)
         arriving[k * steps + late : (k + 1) * steps + late] = follower
         position[k], valve[k], added[k] = s[0], sent, more
-        _advance(s, arriving[now], row, STEP_S, true_m[now], acceleration[now])
+        _advance(s, arriving[now], row, STEP_S, true_m[now], acceleration[now], space)
     return Record(
         np.arange(ticks) / rate_Hz, position, valve, added, acceleration, state, statuses, compensator.parameters(state)
     )

@@ -33,7 +33,7 @@ from compensation import Compensator, Context, Sample, preview_count
 STEP_S, OUT_S, RATE_HZ, LIMIT_V = 2e-5, 1e-4, 500.0, 10.0
 SUPPLY, TANK, STROKE, DEAD_M3, TRAVEL_M = 1.6e7, 2e5, 0.6, 4e-5, 5e-4
 AREA, FLOW, DROP, GAIN_V_M = 9.456e-4, 6.3333e-4, 3.5e6, 60.0
-fast = njit(cache=True, error_model="numpy")
+fast = njit(cache=True, error_model="numpy", _nrt=False)  # makes no arrays, so that no owner need be counted
 
 
 @dataclass
@@ -76,16 +76,19 @@ def slope_of(c, oil, s, volts, out):
 
 
 @fast
-def advance(c, oil, s, volts, positions, accelerations):
+def advance(c, oil, s, volts, positions, accelerations, space):
     """A control tick; volts, positions and accelerations every 1e-4 s."""
-    k1, k2 = np.empty(6), np.empty(6)
+    k1, k2, there = space[0], space[1], space[2]
     for i in range(len(volts)):
         for j in range(round(OUT_S / STEP_S)):
             slope_of(c, oil, s, volts[i], k1)
             if j == 0:
                 positions[i], accelerations[i] = s[4], k1[5]
-            slope_of(c, oil, s + STEP_S * k1, volts[i], k2)
-            s[:] = s + 0.5 * STEP_S * (k1 + k2)
+            for part in range(6):
+                there[part] = s[part] + STEP_S * k1[part]
+            slope_of(c, oil, there, volts[i], k2)
+            for part in range(6):
+                s[part] += 0.5 * STEP_S * (k1[part] + k2[part])
 
 
 def context_of(leg: PairLeg, period_s: float | None) -> Context:
@@ -120,7 +123,7 @@ def run_pair(
     late, back = round(leg.valve_delay_s / OUT_S), round(leg.position_delay_s / OUT_S)
     volts, true_m = np.zeros(ticks * steps + late), np.full(ticks * steps, wanted[0])
     position, valve, added, accelerations = np.zeros(ticks), np.zeros(ticks), np.zeros(ticks), np.zeros(ticks * steps)
-    sent = follower = 0.0
+    sent, follower, space = 0.0, 0.0, np.empty((3, 6))
     for k in range(ticks):
         now = slice(k * steps, (k + 1) * steps)
         true_m[k * steps] = s[4]
@@ -136,5 +139,5 @@ def run_pair(
         follower = min(max(follower, sent - leg.backlash_V), sent + leg.backlash_V)
         volts[k * steps + late : (k + 1) * steps + late] = follower - leg.null_V
         position[k], valve[k], added[k] = s[4], sent, more
-        advance(row, oil, s, volts[now], true_m[now], accelerations[now])
+        advance(row, oil, s, volts[now], true_m[now], accelerations[now], space)
     return Record(np.arange(ticks) / RATE_HZ, position, valve, added, accelerations, state)

@@ -105,18 +105,21 @@ def numbers_of(plant):
     )
 
 
-@njit
+fast = njit(_nrt=False)  # makes no arrays, so that no owner need be counted
+
+
+@fast
 def pressure(content, volume, modulus):
     return VAPOUR + modulus * math.log(content / volume) if content > volume else VAPOUR
 
 
-@njit
+@fast
 def edge(n, x, overlap, gradient, dp):
     opening = max(x - overlap, 0.0)
     return n[CD] * gradient * opening * math.sqrt(2.0 / n[RHO]) * dp / (dp * dp + n[WIDTH] ** 2) ** 0.25
 
 
-@njit
+@fast
 def rates(n, state, volts, pull, out):
     y, v, m1, m2, x, speed = state
     V1, V2 = max(n[A1] * y + n[DEAD], 1e-6), max(n[A2] * (n[STROKE] - y) + n[DEAD_TOP], 1e-6)
@@ -144,12 +147,18 @@ def rates(n, state, volts, pull, out):
     return P1, P2, V1 - m1 if m1 < V1 else 0.0, V2 - m2 if m2 < V2 and four else 0.0
 
 
+@fast
+def towards(s, h, slope, out):
+    for i in range(6):
+        out[i] = s[i] + h * slope[i]
+
+
 @njit
 def follow(n, start, volts, pull, tick_s):
     """Rows (y, P1, P2, largest void of the bottom chamber and of the rod side in the tick before) at every tick."""
     out = np.zeros((volts.shape[0], 5))
     s = start.copy()
-    k1, k2, k3, k4 = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+    k1, k2, k3, k4, there = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
     steps = round(tick_s / STEP_S)
     h, void1, void2 = tick_s / steps, 0.0, 0.0
     for k in range(volts.shape[0]):
@@ -159,10 +168,14 @@ def follow(n, start, volts, pull, tick_s):
         for _ in range(steps):
             _, _, w1, w2 = rates(n, s, volts[k], pull[k], k1)
             void1, void2 = max(void1, w1), max(void2, w2)
-            rates(n, s + 0.5 * h * k1, volts[k], pull[k], k2)
-            rates(n, s + 0.5 * h * k2, volts[k], pull[k], k3)
-            rates(n, s + h * k3, volts[k], pull[k], k4)
-            s += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            towards(s, 0.5 * h, k1, there)
+            rates(n, there, volts[k], pull[k], k2)
+            towards(s, 0.5 * h, k2, there)
+            rates(n, there, volts[k], pull[k], k3)
+            towards(s, h, k3, there)
+            rates(n, there, volts[k], pull[k], k4)
+            for i in range(6):
+                s[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
     return out
 
 

@@ -58,7 +58,7 @@ FIELDS = (
     "rest_V",
 )
 F = {name: k for k, name in enumerate(FIELDS)}
-fast = njit(cache=True, error_model="numpy")
+fast = njit(cache=True, error_model="numpy", _nrt=False)  # makes no arrays, so that no owner need be counted
 SUPPLY, FLOW, DROP, MODULUS, _, MASS, SPOOL, OUT, IN, DRY_OUT, DRY_IN, PEAK_OUT, PEAK_IN, LAP, SOFT = range(15)
 CROSS, NULL, AIR, HYSTERESIS, LAPS, RETURN, SEAL, DROOP, SPRING, LATE, REST = range(15, 26)
 
@@ -134,10 +134,10 @@ def slope_of(c, s, volts, out):
     out[6] = push / c[MASS] - GRAVITY
 
 
-@fast
+@njit(cache=True, error_model="numpy")
 def run(c, start, setpoint, out):
     """Closed loop, setpoints at 1 kHz, controller every 2 ms; out (n, 6): y, volts, P1, P2, Ps, a. Heun's second order."""
-    s, k1, k2 = start.copy(), np.empty(7), np.empty(7)
+    s, k1, k2, there = start.copy(), np.empty(7), np.empty(7), np.empty(7)
     n, steps = len(setpoint), round(1.0 / RATE_HZ / STEP_S)
     held, volts = 0.0, np.zeros(n)
     for i in range(n):
@@ -149,8 +149,11 @@ def run(c, start, setpoint, out):
         for j in range(steps):
             if j > 0:
                 slope_of(c, s, held, k1)
-            slope_of(c, s + STEP_S * k1, held, k2)
-            s = s + 0.5 * STEP_S * (k1 + k2)
+            for part in range(7):
+                there[part] = s[part] + STEP_S * k1[part]
+            slope_of(c, there, held, k2)
+            for part in range(7):
+                s[part] += 0.5 * STEP_S * (k1[part] + k2[part])
 
 
 def setpoints(run_name: str, rng: np.random.Generator, n: int) -> np.ndarray:

@@ -36,7 +36,7 @@ supply_gain neutral_length gain_V_per_m pump_ripple pump_frequency imu_turn_y
 LEG_TYPE = np.dtype([(name, "f8") for name in FIELDS_LEG.split()])
 RIG_TYPE = np.dtype([(name, "f8") for name in FIELDS_RIG.split()])
 
-fast = njit(cache=True, error_model="numpy")
+fast = njit(cache=True, error_model="numpy", _nrt=False)  # makes no arrays, so that no owner need be counted
 
 
 @fast
@@ -329,6 +329,13 @@ def hexapod_rates(rig, legs, base, joints, X, volts, t, dX, a_out, y_out, W):
 
 
 @fast
+def towards(X, h, slope, out):
+    """out = X + h slope."""
+    for i in range(X.shape[0]):
+        out[i] = X[i] + h * slope[i]
+
+
+@njit(cache=True, error_model="numpy")
 def integrate(rig_box, legs, base, joints, X, reference, late_s, substeps):
     """Closed loop over len(reference) milliseconds. Controller every 2 ms on the true piston position, zero-order hold.
 
@@ -366,19 +373,19 @@ def integrate(rig_box, legs, base, joints, X, reference, late_s, substeps):
             t = k * 1e-3 + step * h
             if hexapod:
                 hexapod_rates(rig, legs, base, joints, X, volts, t, k1, spare if step > 0 else acc, y, W)
-                Y[:] = X + 0.5 * h * k1
+                towards(X, 0.5 * h, k1, Y)
                 hexapod_rates(rig, legs, base, joints, Y, volts, t + 0.5 * h, k2, spare, spare, W)
-                Y[:] = X + 0.5 * h * k2
+                towards(X, 0.5 * h, k2, Y)
                 hexapod_rates(rig, legs, base, joints, Y, volts, t + 0.5 * h, k3, spare, spare, W)
-                Y[:] = X + h * k3
+                towards(X, h, k3, Y)
                 hexapod_rates(rig, legs, base, joints, Y, volts, t + h, k4, spare, spare, W)
             else:
                 bench_rates(rig, legs, X, volts, t, k1, spare if step > 0 else acc)
-                Y[:] = X + 0.5 * h * k1
+                towards(X, 0.5 * h, k1, Y)
                 bench_rates(rig, legs, Y, volts, t + 0.5 * h, k2, spare)
-                Y[:] = X + 0.5 * h * k2
+                towards(X, 0.5 * h, k2, Y)
                 bench_rates(rig, legs, Y, volts, t + 0.5 * h, k3, spare)
-                Y[:] = X + h * k3
+                towards(X, h, k3, Y)
                 bench_rates(rig, legs, Y, volts, t + h, k4, spare)
             if step == 0:
                 for i in range(n_legs):
@@ -387,5 +394,6 @@ def integrate(rig_box, legs, base, joints, X, reference, late_s, substeps):
                 S_log[k] = X[n_legs * PER_LEG] + pump_wave(rig, k * 1e-3)
                 for j in range(n_acc):
                     a_log[k, j] = acc[j]
-            X[:] = X + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            for i in range(size):
+                X[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
     return y_log, u_log, P_log, S_log, a_log

@@ -37,6 +37,7 @@ def test_time_and_position_alone_drive_no_model(tmp_path):
         hx.trace(poor_machine(tmp_path, ["position_m"]))
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("drive", [pytest.param("valve_V", marks=pytest.mark.slow), "setpoint_m"])
 def test_position_and_one_drive_end_in_a_verdict(tmp_path, drive):
     """With no pressure and no acceleration there is no balance: the trace says so and judges by the position alone."""
