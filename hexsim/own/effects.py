@@ -405,7 +405,9 @@ def as_it_acts(tables: ModelTables, candidate: Candidate) -> Candidate:
 
     def now(name: str) -> str:
         base, _, k = name.rpartition("__")
-        return acting(tables, base)[0] if base in tables.signals and k.isdigit() and name not in tables.signals else name
+        return (
+            acting(tables, base)[0] if base in tables.signals and k.isdigit() and name not in tables.signals else name
+        )
 
     swap = lambda text: re.sub(r"[A-Za-z_][A-Za-z0-9_]*", lambda found: now(found.group()), text)  # noqa: E731
     memory = (candidate.memory[0], candidate.memory[1].changed(swap)) if candidate.memory else None

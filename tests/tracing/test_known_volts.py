@@ -25,7 +25,9 @@ def noisy(tmp_path_factory):
     machine = changed(load_machine("bench"), sensors)
     save_machine(machine, folder / "machine.toml")
     for seed, (name, seconds) in enumerate(RUNS.items()):
-        simulate(machine, load_scenario(name, duration_s=seconds), seed=seed).log.write_parquet(folder / f"{name}.parquet")
+        simulate(machine, load_scenario(name, duration_s=seconds), seed=seed).log.write_parquet(
+            folder / f"{name}.parquet"
+        )
     return folder
 
 

@@ -97,8 +97,8 @@ def room_for(rig: Rig, inputs: Inputs, start: np.ndarray) -> Room:
     slopes = (s(start), s(start), s(start), s(start), s(start))
     rows = 4 * n_legs + 1 + n_axes
     return Room(
-        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), (*late, s(y), s(y)), s(y), moved, bottom, top, volts, asked, np.empty((n_axes, n)),
-        np.zeros(rows), np.zeros((rows, n_sections, 2)),
+        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), (*late, s(y), s(y)), s(y), moved, bottom, top, volts, asked,
+        np.empty((n_axes, n)), np.zeros(rows), np.zeros((rows, n_sections, 2)),
     )  # fmt: skip
 
 

@@ -88,7 +88,7 @@ def shown_share(
     shown: float = 0.1,  # least share: twice what the estimate of a log of 5 s, 2,500 ticks, is off by
     late_ticks: int = 3,  # of logged volts: a computer's and a logger's tick, and one to spare
 ) -> float:
-    """Share of the position's noise that the logged volts show, in their variance, 0 to 1: then it was in the loop, and moved the machine.
+    """Share of the position's noise that the logged volts show, in their variance, 0 to 1: it moved the machine.
 
     1: the volts are those of the logged samples. 0: the controller read others, or the log lacks setpoints, volts or ticks.
     """
