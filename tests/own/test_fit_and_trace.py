@@ -180,7 +180,7 @@ def test_an_effect_that_is_offered_beside_one_of_an_input_stands_without_it():
     plain, columns = ModelTables.model_validate(tomllib.loads(EVERY_QUANTITY)), {"u", "x", "both"}
     made = lambda tables: {
         one.title: one for one in effects.offered(tables, ("u",), lambda what, name: effects.Sizes())
-    }  # noqa: E731
+    }
     alone = made(plain)
     [lag] = [one for title, one in alone.items() if title.startswith("lag of a drive")]
     beside = made(effects.joined(plain, lag))
