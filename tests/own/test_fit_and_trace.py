@@ -178,9 +178,10 @@ def test_every_general_effect_vanishes_at_its_neutral_value():
 def test_an_effect_that_is_offered_beside_one_of_an_input_stands_without_it():
     """What is made while a lag of the drive is in the model is, joined to the model without it, what would have been made there."""
     plain, columns = ModelTables.model_validate(tomllib.loads(EVERY_QUANTITY)), {"u", "x", "both"}
-    made = lambda tables: {
-        one.title: one for one in effects.offered(tables, ("u",), lambda what, name: effects.Sizes())
-    }
+
+    def made(tables):
+        return {one.title: one for one in effects.offered(tables, ("u",), lambda what, name: effects.Sizes())}
+
     alone = made(plain)
     [lag] = [one for title, one in alone.items() if title.startswith("lag of a drive")]
     beside = made(effects.joined(plain, lag))
