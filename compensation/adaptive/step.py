@@ -693,7 +693,7 @@ def tick_of(
     s.jolts = 1 if jolt2 > max(e.bump2, least_m_s2**2) else 0
     s.jolted = QUIET_TICKS if s.jolts else max(s.jolted - 1, 0)
     follows = wanted if s.share == 1.0 and s.jolted == 0 else 0.0
-    step = settings.tick_s / (LINEAR_S if follows > 0.0 else RAMP_S if e.wrong else LEAVE_S)
+    step = settings.tick_s / (LINEAR_S if follows > 0.0 else LEAVE_S)
     s.linear_step = min(max(follows - s.linear, -step), step)
     s.linear += s.linear_step
     if s.damping.wanted:
