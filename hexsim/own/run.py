@@ -17,7 +17,7 @@ from hexsim.inference.verdict import at_end
 from hexsim.own.declaration import ModelTables
 from hexsim.own.folder import OwnFolder
 from hexsim.own.problem import OwnProblem, fit_own, problem_of
-from hexsim.own.simulate import record_of
+from hexsim.own.simulate import record_of, records_of
 from hexsim.recording import palette
 from hexsim.recording.figure_style import png
 from hexsim.recording.page import Column, Report, Section, table
@@ -63,6 +63,22 @@ def simulated(fitted: Fit, log: Log, where: str) -> tuple[pl.DataFrame, dict[str
     left, count = (free.outputs - record.measured) * record.weight, record.weight.sum(axis=0)
     rms = {name: float(np.sqrt(np.sum(left[:, k] ** 2) / count[k])) for k, name in enumerate(model.outputs) if count[k]}
     return table, rms
+
+
+def mean_squares(folder: OwnFolder, fitted: Fit) -> Array:
+    """Mean square of each output's residual over the runs of [runs] validate, begun anew as in a fit. Infinite after a divergence."""
+    assert isinstance(fitted.problem, OwnProblem)
+    simulator, known = fitted.problem.simulator, dict(zip(fitted.names, fitted.theta, strict=True))
+    records = [one for log in folder.validate for one in records_of(simulator.model, log, folder.where)]
+    problem = OwnProblem(simulator, records)
+    theta = np.array([known.get(number.name, mean_of(number.name, known, number.start)) for number in problem.numbers])
+    total, count = np.zeros(len(problem.channels)), np.zeros(len(problem.channels))
+    for k, record in enumerate(records):
+        left = problem.free_run(k, theta).outputs - record.measured
+        total += np.sum(np.where(record.weight > 0, left, 0.0) ** 2, axis=0)
+        count += record.weight.sum(axis=0)
+    seen = count > 0
+    return np.nan_to_num(total[seen] / count[seen], nan=np.inf)
 
 
 def mean_of(name: str, known: Mapping[str, float], start: float) -> float:

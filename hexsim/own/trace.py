@@ -21,10 +21,11 @@ from hexsim.own.forms import Form, forms, loosened, memories
 from hexsim.own.looks import Look, looks
 from hexsim.own.model import model_of
 from hexsim.own.problem import OwnProblem, problem_of
-from hexsim.own.run import simulated
+from hexsim.own.run import mean_squares, simulated
 from hexsim.own.sizes import sizes_of
 
 Array = np.ndarray
+NOT_BETTER = "does not make the runs that no fit or choice has seen better"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +60,12 @@ def trace_own(
     machine = Simulated(folder)
     notes = notes or Notebook()
     found = search(machine, tell, notes=notes, keep=lambda known: keep(traced(folder, machine, known)))
+    found = proven_untouched(folder, found)
     formula = formula_of(machine, found, notes, lambda what: tell(what, 0.9))
+    if formula is not None and formula.proven:
+        beside = found.base if formula.instead else found.final
+        if not better_untouched(folder, beside, formula.best.fitted):
+            formula = replace(formula, why=f"{formula.best.title} {NOT_BETTER}")
     if formula is not None and formula.instead:
         why = f"{formula.best.title} alone is as likely as every name together, or likelier"
         doubted = [replace(step, verdict="likely", why=why) for step in found.steps]
@@ -68,6 +74,25 @@ def trace_own(
         [step] = found.steps
         found, formula = replace(found, steps=[replace(step, tied=[*step.tied, *formula.tied])]), None
     return traced(folder, machine, found, formula)
+
+
+def proven_untouched(folder: OwnFolder, found: Found) -> Found:
+    """Without names that make the runs which no fit or choice has seen no better: motion that was fitted may flatter all of a search."""
+    before, doubted = found.base, []
+    for step in found.steps:
+        if not better_untouched(folder, before, step.fitted):
+            doubted.append(replace(step, verdict="likely", why=f"it {NOT_BETTER}"))
+        before = step.fitted
+    titles = {one.title for one in doubted}
+    named = [step for step in found.steps if step.title not in titles]
+    return replace(found, steps=named, refused=[*doubted, *found.refused]) if doubted else found
+
+
+def better_untouched(folder: OwnFolder, before: Fit, after: Fit) -> bool:
+    """Does the error on the runs of [runs] validate fall, each output in units of its own? True where there are none."""
+    if not folder.validate:
+        return True
+    return float(np.mean(mean_squares(folder, after) / mean_squares(folder, before))) < 1.0
 
 
 def traced(folder: OwnFolder, machine: Simulated, found: Found, formula: Formula | None = None) -> OwnTrace:

@@ -106,8 +106,9 @@ def test_the_error_of_a_long_run_can_be_what_is_fitted(spilling):
     assert left["error"] < left["likelihood"]
 
 
-def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
-    """A tank that spills over 1.2 m names an overflow at this level, and the error on the third run falls to the noise."""
+def test_overflow_is_named_and_the_unseen_run_gets_better(spilling, tmp_path):
+    """A tank that spills over 1.2 m names an overflow at this level, and the error on the third run falls to the noise. Where this run is
+    of a tank that does not spill, the same search names nothing."""
     trace = own_trace.trace_own(own_folder.load_simulated(spilling))
     assert trace.steps[0].candidate.name == "overflow"
     top = next(name for name in trace.steps[0].fitted.names if name.startswith("top"))
@@ -115,6 +116,11 @@ def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
     before, *_, after = [step["three"]["level_m"] for step in trace.errors.values()]
     assert before > 3 * NOISE
     assert after < 1.3 * NOISE
+    other = folder_of(tmp_path / "other", WEIR)
+    tank_run(9, 0.0).write_csv(other / "three.csv")
+    judged = own_trace.proven_untouched(own_folder.load_simulated(other), trace.found)
+    assert judged.steps == []
+    assert judged.refused[0].title == trace.steps[0].title and "no fit or choice has seen" in judged.refused[0].why
 
 
 @pytest.mark.slow  # the search names nothing where nothing lacks in inference/test_one_inference.py
