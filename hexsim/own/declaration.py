@@ -79,9 +79,9 @@ candidates = [
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, StringConstraints
 
 from hexsim.readers.mapping import Section
 
@@ -102,7 +102,8 @@ Quantity = Literal[
     "signal",
 ]
 MOST = 64  # states, parameters, outputs, elements, effects: each
-LONGEST = 400  # characters of a unit or of the name of an effect: a formula holds up to four names of 80
+# a formula's name and unit hold up to four names of 80 characters
+Composed = Annotated[str, StringConstraints(max_length=400)]
 
 
 class SignalTable(Section):
@@ -123,7 +124,7 @@ class ParameterTable(Section):
     declared: float | None = Field(default=None, allow_inf_nan=False)
     uncertainty: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
     scale: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
-    unit: str = Field(default="", max_length=LONGEST)
+    unit: Composed = ""
     each: Literal["machine", "run"] = "machine"
 
 
@@ -139,7 +140,7 @@ class StateTable(Section):
     high: str | None = None
     start: float | str = 0.0
     guess: float = Field(default=0.0, allow_inf_nan=False, description="of a free start")
-    unit: str = Field(default="", max_length=LONGEST)
+    unit: Composed = ""
 
 
 class MemoryTable(Section):
@@ -164,7 +165,7 @@ class OutputTable(Section):
     formula: str
     noise: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
     quantity: Quantity | None = None
-    unit: str = Field(default="", max_length=LONGEST)
+    unit: Composed = ""
 
 
 class EffectNumber(Section):
@@ -182,7 +183,7 @@ class EffectNumber(Section):
 class EffectRow(Section):
     """A row of effects.toml, or [[effects]] of a model file, where `on` says where."""
 
-    name: str = Field(min_length=1, max_length=LONGEST)
+    name: Composed = Field(min_length=1)
     what: Literal["sum", "input", "output"] = "sum"
     of: list[Quantity] = Field(default_factory=list)
     state: Quantity | None = None
