@@ -89,10 +89,10 @@ def proven_untouched(folder: OwnFolder, found: Found) -> Found:
 
 
 def better_untouched(folder: OwnFolder, before: Fit, after: Fit) -> bool:
-    """Does the error on the runs of [runs] validate fall, each output in units of its own? True where there are none."""
-    if not folder.validate:
+    """Does the error on the runs of [runs] validate fall, each output in units of its own? True where these have none."""
+    if not folder.validate or not len(then := mean_squares(folder, before)):
         return True
-    return float(np.mean(mean_squares(folder, after) / mean_squares(folder, before))) < 1.0
+    return float(np.mean(mean_squares(folder, after) / np.maximum(then, 1e-300))) < 1.0
 
 
 def traced(folder: OwnFolder, machine: Simulated, found: Found, formula: Formula | None = None) -> OwnTrace:
