@@ -77,10 +77,12 @@ def trace_own(
 
 
 def proven_untouched(folder: OwnFolder, found: Found) -> Found:
-    """Without names that make the runs which no fit or choice has seen no better: motion that was fitted may flatter all of a search."""
+    """Without names that make the runs which no fit or choice has seen no better, each or all together: what was fitted may flatter a
+    search."""
     before, doubted = found.base, []
+    together = not found.steps or better_untouched(folder, before, found.final)
     for step in found.steps:
-        if not better_untouched(folder, before, step.fitted):
+        if not (together and better_untouched(folder, before, step.fitted)):
             doubted.append(replace(step, verdict="likely", why=f"it {NOT_BETTER}"))
         before = step.fitted
     titles = {one.title for one in doubted}
