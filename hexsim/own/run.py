@@ -17,7 +17,7 @@ from hexsim.inference.verdict import at_end
 from hexsim.own.declaration import ModelTables
 from hexsim.own.folder import OwnFolder
 from hexsim.own.problem import OwnProblem, fit_own, problem_of
-from hexsim.own.simulate import record_of, records_of
+from hexsim.own.simulate import Record, Simulator, record_of, records_of
 from hexsim.recording import palette
 from hexsim.recording.figure_style import png
 from hexsim.recording.page import Column, Report, Section, table
@@ -50,12 +50,9 @@ def run_folder_of(folder: OwnFolder, out: Path | None, tell=lambda step, share: 
 
 def simulated(fitted: Fit, log: Log, where: str) -> tuple[pl.DataFrame, dict[str, float]]:
     """The log with a column `simulated_NAME` for every output and hidden state, and rms of each output's residual, of one free run."""
-    assert isinstance(fitted.problem, OwnProblem)
-    simulator = fitted.problem.simulator
-    model, known = simulator.model, dict(zip(fitted.names, fitted.theta, strict=True))
+    model = simulator_of(fitted).model
     record = record_of(model, log, where)
-    problem = OwnProblem(simulator, [record])
-    theta = np.array([known.get(number.name, mean_of(number.name, known, number.start)) for number in problem.numbers])
+    problem, theta = along(fitted, [record])
     free = problem.free_run(0, theta)
     hidden = [(name, free.states[:, k]) for k, name in enumerate(model.states) if name not in model.outputs]
     columns = [(name, free.outputs[:, k]) for k, name in enumerate(model.outputs)] + hidden
@@ -67,18 +64,24 @@ def simulated(fitted: Fit, log: Log, where: str) -> tuple[pl.DataFrame, dict[str
 
 def mean_squares(folder: OwnFolder, fitted: Fit) -> Array:
     """Mean square of each output's residual over the runs of [runs] validate, begun anew as in a fit. Infinite after a divergence."""
+    records = [one for log in folder.validate for one in records_of(simulator_of(fitted).model, log, folder.where)]
+    problem, theta = along(fitted, records)
+    left = problem.residuals(theta, range(len(problem.pieces)))
+    total = sum((np.sum(one**2, axis=0) for one in left), np.zeros(len(problem.channels)))
+    count = sum((one.weight.sum(axis=0) for one in records), np.zeros(len(problem.channels)))
+    return np.nan_to_num(total[count > 0] / count[count > 0], nan=np.inf)
+
+
+def along(fitted: Fit, records: list[Record]) -> tuple[OwnProblem, Array]:
+    """The problem of other records, and the numbers of the fit there."""
+    problem, known = OwnProblem(simulator_of(fitted), records), dict(zip(fitted.names, fitted.theta, strict=True))
+    theta = [known.get(number.name, mean_of(number.name, known, number.start)) for number in problem.numbers]
+    return problem, np.array(theta)
+
+
+def simulator_of(fitted: Fit) -> Simulator:
     assert isinstance(fitted.problem, OwnProblem)
-    simulator, known = fitted.problem.simulator, dict(zip(fitted.names, fitted.theta, strict=True))
-    records = [one for log in folder.validate for one in records_of(simulator.model, log, folder.where)]
-    problem = OwnProblem(simulator, records)
-    theta = np.array([known.get(number.name, mean_of(number.name, known, number.start)) for number in problem.numbers])
-    total, count = np.zeros(len(problem.channels)), np.zeros(len(problem.channels))
-    for k, record in enumerate(records):
-        left = problem.free_run(k, theta).outputs - record.measured
-        total += np.sum(np.where(record.weight > 0, left, 0.0) ** 2, axis=0)
-        count += record.weight.sum(axis=0)
-    seen = count > 0
-    return np.nan_to_num(total[seen] / count[seen], nan=np.inf)
+    return fitted.problem.simulator
 
 
 def mean_of(name: str, known: Mapping[str, float], start: float) -> float:

@@ -64,37 +64,40 @@ def trace_own(
     formula = formula_of(machine, found, notes, lambda what: tell(what, 0.9))
     if formula is not None and formula.proven:
         beside = found.base if formula.instead else found.final
-        if not better_untouched(folder, beside, formula.best.fitted):
+        if not falls(mean_squares(folder, beside), mean_squares(folder, formula.best.fitted)):
             formula = replace(formula, why=f"{formula.best.title} {NOT_BETTER}")
     if formula is not None and formula.instead:
         why = f"{formula.best.title} alone is as likely as every name together, or likelier"
-        doubted = [replace(step, verdict="likely", why=why) for step in found.steps]
-        found = replace(found, steps=[], refused=[*doubted, *found.refused])
+        found = without_names(found, found.steps, why)
     if formula is not None and formula.tied:
         [step] = found.steps
         found, formula = replace(found, steps=[replace(step, tied=[*step.tied, *formula.tied])]), None
     return traced(folder, machine, found, formula)
 
 
+def without_names(found: Found, doubted: Sequence[Judgment], why: str) -> Found:
+    """Steps that are no names after all."""
+    titles = {one.title for one in doubted}
+    steps = [step for step in found.steps if step.title not in titles]
+    return replace(
+        found, steps=steps, refused=[*(replace(one, verdict="likely", why=why) for one in doubted), *found.refused]
+    )
+
+
 def proven_untouched(folder: OwnFolder, found: Found) -> Found:
     """Without names that make the runs which no fit or choice has seen no better, each or all together: what was fitted may flatter a
     search."""
-    before, doubted = found.base, []
-    together = not found.steps or better_untouched(folder, before, found.final)
-    for step in found.steps:
-        if not (together and better_untouched(folder, before, step.fitted)):
-            doubted.append(replace(step, verdict="likely", why=f"it {NOT_BETTER}"))
-        before = step.fitted
-    titles = {one.title for one in doubted}
-    named = [step for step in found.steps if step.title not in titles]
-    return replace(found, steps=named, refused=[*doubted, *found.refused]) if doubted else found
+    if not found.steps:
+        return found
+    errors = [mean_squares(folder, one) for one in (found.base, *(step.fitted for step in found.steps), found.final)]
+    together = falls(errors[0], errors[-1])
+    beside = zip(found.steps, errors, errors[1:], strict=False)
+    return without_names(found, [step for step, a, b in beside if not (together and falls(a, b))], f"it {NOT_BETTER}")
 
 
-def better_untouched(folder: OwnFolder, before: Fit, after: Fit) -> bool:
-    """Does the error on the runs of [runs] validate fall, each output in units of its own? True where these have none."""
-    if not folder.validate or not len(then := mean_squares(folder, before)):
-        return True
-    return float(np.mean(mean_squares(folder, after) / np.maximum(then, 1e-300))) < 1.0
+def falls(before: Array, after: Array) -> bool:
+    """Do mean squares of outputs fall, each in units of its own? True where there are none."""
+    return not len(before) or float(np.mean(after / np.maximum(before, 1e-300))) < 1.0
 
 
 def traced(folder: OwnFolder, machine: Simulated, found: Found, formula: Formula | None = None) -> OwnTrace:

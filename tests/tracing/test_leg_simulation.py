@@ -104,7 +104,7 @@ def test_steps_of_a_fit_err_far_below_the_noise():
     answers = {}
     for machine in (declared, rougher):
         rig, resolved = rig_of(machine, rate_Hz=log.rate)
-        inputs, start = inputs_of(log, rig, 0.0), start_state(rig, resolved, log)
+        inputs, start = inputs_of(log, rig), start_state(rig, resolved, log)
         for fine in (rig, rig._replace(rule=rig.rule._replace(steady=20.0 * log.rate))):
             answers[machine is rougher, fine is rig] = answer(fine, inputs, start)
     for row, noise in ((0, NOISE["position_m"]), (2, NOISE["pressure_bottom_Pa"]), (5, NOISE["acceleration_m_s2"])):

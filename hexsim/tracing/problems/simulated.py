@@ -28,7 +28,7 @@ class SimulatedProblem(FitProblem):
     """Logs that a model must answer, with the noise of their channels.
 
     feedback: what gives the volts, see `simulation.rig.Controller`. shown: share of the position's noise that logged volts show;
-    volts_share: of what they quickly differ by from the model's that acts in the model, see `simulation.closed_loop`.
+    volts_share: see `simulation.rig.Controller`.
     input_uncertainty: how far no simulation can know the answer, a log (n_channels, n) in physical units.
     """
 

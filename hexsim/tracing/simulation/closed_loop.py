@@ -3,7 +3,8 @@
 u_k = K (s_k - y_m)  every 1/rate seconds, held, after the computing delay; then delay and hysteresis of the valve
 
 The real loop reads the position with its noise, which moves the machine. Logged volts U_k that show this noise act in the model, too, but
-for what they slowly differ by from its own, so that its loop holds it to its setpoint: u_k + c (1 - L)(U_k - u_k), L a low-pass.
+for what they slowly differ by from its own, so that its loop holds it to its setpoint: u_k + c (1 - L)(U_k - u_k), L a low-pass, c the
+controller's volts_share.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Inputs(NamedTuple):
     near_rest (n,): where any leg is near standstill by its measured position: there steps follow the ring of a reversal, so that
     variants of a model step alike and their differences are smooth. What friction's sign asks for goes by the model's own speed.
     rate_Hz: of the samples. first_tick: sample of the controller's first tick. start_s: time that the run lasts already.
-    volts_share: c, of what logged volts quickly differ by from the model's. slow_share: of L, a sample.
+    slow_share: of L, a sample.
     """
 
     setpoint: np.ndarray
@@ -54,7 +55,6 @@ class Inputs(NamedTuple):
     rate_Hz: float
     first_tick: int
     start_s: float
-    volts_share: float
     slow_share: float
 
 
@@ -165,13 +165,13 @@ def computed(asked, i, delay_ticks, every):
 
 
 @compiled
-def acting_volts(inputs, j, i, computed_V, slow):
+def acting_volts(volts_share, inputs, j, i, computed_V, slow):
     """Volts that leg j's valve gets at sample i: the loop's, and a share of what logged ones quickly differ by. slow: see `Room`."""
-    if inputs.volts_share == 0.0:
+    if volts_share == 0.0:
         return computed_V
     off = inputs.volts[j, i] - computed_V
     slow[j] = 0.0 if i == 0 else slow[j] + inputs.slow_share * (off - slow[j])  # both begin where the log does
-    return computed_V + inputs.volts_share * (off - slow[j])
+    return computed_V + volts_share * (off - slow[j])
 
 
 @compiled
@@ -225,7 +225,7 @@ def run(rig, inputs, room, out):
             asked[j, i] = asked_volts(controller, inputs, j, i, read) if tick else asked[j, i - 1]
             late = 0.0 if controller.feedback == LOGGED_VOLTS else controller.delay_ticks[j]
             out[n_legs + j, i] = computed(asked[j], i, late, every) if tick else out[n_legs + j, i - 1]
-            u_true[j, i] = acting_volts(inputs, j, i, out[n_legs + j, i], slow)
+            u_true[j, i] = acting_volts(controller.volts_share, inputs, j, i, out[n_legs + j, i], slow)
             ahead = u_true[j, max(i - whole[j], 0)]
             was[j] = held[j]
             held[j], apart[j] = valve.hysteresis(

@@ -57,6 +57,7 @@ class Controller(NamedTuple):
 
     feedback: DECLARED_LOOP, on the position as the log shows it; LOGGED_VOLTS, held to the logged position, instead;
     OWN_TRANSDUCER, the declared loop on a transducer of its own, without the errors of the one that is logged.
+    volts_share: of what logged volts quickly differ by from the loop's that acts, see `closed_loop`.
     """
 
     gain_V_per_m: Array
@@ -64,6 +65,7 @@ class Controller(NamedTuple):
     rate_Hz: float
     limit_V: Array
     feedback: int
+    volts_share: float
 
 
 class Rig(NamedTuple):
@@ -83,9 +85,13 @@ class Rig(NamedTuple):
 
 
 def rig_of(
-    machine: Machine, feedback: int = DECLARED_LOOP, loaded: bool = False, rate_Hz: float = 1000.0
+    machine: Machine,
+    feedback: int = DECLARED_LOOP,
+    loaded: bool = False,
+    rate_Hz: float = 1000.0,
+    volts_share: float = 0.0,
 ) -> tuple[Rig, Resolved]:
-    """The machine's numbers. feedback: see `Controller`. loaded: with its additional mass.
+    """The machine's numbers. feedback, volts_share: see `Controller`. loaded: with its additional mass.
 
     rate_Hz: of the samples.
     """
@@ -103,6 +109,7 @@ def rig_of(
             float(controller.rate_Hz),
             machine.of_legs("valve", "voltage_max_V"),
             feedback,
+            volts_share,
         ),
         rule=step_rule(resolved.rows, resolved.supply, leg_compliance(resolved, load), load.spring.omega),
     )

@@ -33,7 +33,7 @@ def simulate_log(
     position, valve, pressure_bottom, pressure_top, pressure_difference (n_legs, n); pressure_supply (n,);
     acceleration (1, n) of a bench, (3, n) of a platform, angular_acceleration (3, n) of a platform.
     noise: of the channels by kind, which weighs what the start of the log shows. off_Pa (n_legs,): added to the pressures at
-    the bottom in which it begins. volts_share: see `loop.Inputs`.
+    the bottom in which it begins. volts_share: see `rig.Controller`.
     """
     out = attempted(lambda: simulated_or_refused(machine, log, feedback, noise, off_Pa, volts_share))
     if out is not None:
@@ -52,8 +52,8 @@ def simulated_or_refused(
     """`simulate_log` that raises for a machine that cannot be built, with the reason."""
     finer = samples_of_sample(log.rate, float(machine.controller.rate_Hz))
     fine = log.finer(finer) if finer > 1 else log
-    rig, resolved = rig_of(machine, feedback, fine.loaded, fine.rate)
-    inputs = inputs_of(fine, rig, volts_share if finer == 1 else 0.0)
+    rig, resolved = rig_of(machine, feedback, fine.loaded, fine.rate, volts_share if finer == 1 else 0.0)
+    inputs = inputs_of(fine, rig)
     start = shot(rig, inputs, start_state(rig, resolved, fine), fine, noise)
     start[motion.LEGS + motion.LEG_P1 : motion.LEGS + log.n_legs * motion.LEG_STATES : motion.LEG_STATES] += off_Pa
     out = outputs(answer_of(fine, rig, inputs, start), log.n_legs)
@@ -66,8 +66,7 @@ def answer_of(log: Log, rig: Rig, inputs: loop.Inputs, start: Array) -> Array:
     most = 32 * 2**20 // each  # bytes: a refit's columns are asked for again by the next, weighed otherwise
     if most < 2:  # of a log of minutes
         return loop.answer(rig, inputs, start)
-    key = (numbers_of(rig), start.tobytes(), inputs.volts_share)
-    return latest(log, "answer", key, lambda: loop.answer(rig, inputs, start), most)
+    return latest(log, "answer", (numbers_of(rig), start.tobytes()), lambda: loop.answer(rig, inputs, start), most)
 
 
 def numbers_of(value: Any) -> Hashable:
@@ -77,7 +76,7 @@ def numbers_of(value: Any) -> Hashable:
     return value.tobytes() if isinstance(value, np.ndarray) else value
 
 
-def inputs_of(log: Log, rig: Rig, volts_share: float) -> loop.Inputs:
+def inputs_of(log: Log, rig: Rig) -> loop.Inputs:
     """What of a log drives the simulation."""
     nothing = np.zeros((log.n_legs, log.n))
     return loop.Inputs(
@@ -88,7 +87,6 @@ def inputs_of(log: Log, rig: Rig, volts_share: float) -> loop.Inputs:
         rate_Hz=float(log.rate),
         first_tick=log.tick_phase(max(round(log.rate / rig.controller.rate_Hz), 1)),
         start_s=log.offset_s,
-        volts_share=volts_share,
         slow_share=-math.expm1(-log.crossover_rad_s / log.rate),  # leaves the loop 52 degrees of phase margin
     )
 

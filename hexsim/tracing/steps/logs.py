@@ -74,10 +74,20 @@ def another_controller(machine: Machine, log: Log, noise: dict[str, float]) -> b
     K = machine.of_legs("controller", "gain_V_per_m")[:, None]
     limit = machine.of_legs("valve", "voltage_max_V")[:, None]
     asked = np.clip(K * (log.setpoint - log.position), -limit, limit)
-    every = max(round(log.rate / machine.controller.rate_Hz), 1)
-    off = np.median(np.abs(log.volts - asked)[:, log.tick_phase(every) :: every])
+    off = np.median(np.abs(log.volts - asked)[:, ticks_of(machine, log)])
     another = off > rules.CERTAIN * K.max() * noise["position_m"] and off > ALIKE * np.std(log.volts)
     return bool(another) and loops_of(log, machine) is None
+
+
+def ticks_of(machine: Machine, log: Log) -> slice:
+    """Samples of a log at the controller's ticks."""
+    every = max(round(log.rate / machine.controller.rate_Hz), 1)
+    return slice(log.tick_phase(every), None, every)
+
+
+def misses_ticks(machine: Machine, log: Log) -> bool:
+    """Does a log show less than every tick of the controller?"""
+    return log.rate < 0.95 * machine.controller.rate_Hz  # clocks differ by less
 
 
 def shown_share(
@@ -92,13 +102,11 @@ def shown_share(
 
     1: the volts are those of the logged samples. 0: the controller read others, or the log lacks setpoints, volts or ticks.
     """
-    controller, shares = machine.controller, []
-    K = machine.of_legs("controller", "gain_V_per_m")
+    shares, K = [], machine.of_legs("controller", "gain_V_per_m")
     for log in logs:
-        if log.setpoint is None or log.volts is None or log.rate < 0.95 * controller.rate_Hz:  # clocks differ by less
+        if log.setpoint is None or log.volts is None or misses_ticks(machine, log):
             return 0.0
-        every = max(round(log.rate / controller.rate_Hz), 1)
-        ticks = slice(log.tick_phase(every), None, every)
+        ticks = ticks_of(machine, log)
         for gain, s, y, u in zip(K, log.setpoint[:, ticks], log.position[:, ticks], log.volts[:, ticks], strict=True):
             asked, n = gain * (s - y), len(u) - late_ticks
             off = min(measured_noise(u[k:][:n] - asked[:n]) for k in range(late_ticks + 1)) / gain
@@ -142,7 +150,7 @@ def with_additional_mass(machine: Machine, load_kg: float | None, loaded: Sequen
 def slower_than_controller(logs: Sequence[Log], machine: Machine) -> list[Finding]:
     """That logs show less than every tick of the controller, and what cannot be said then."""
     rate_Hz = float(machine.controller.rate_Hz)
-    slow = [log for log in logs if log.rate < 0.95 * rate_Hz]  # clocks differ by less
+    slow = [log for log in logs if misses_ticks(machine, log)]
     if not slow:
         return []
     names, slowest = " and ".join(log.name for log in slow), min(log.rate for log in slow)
